@@ -114,12 +114,12 @@ class Equations:
         is part of it; their tangent there, which the first iteration takes. Collective.
 
         Raises:
-            ContactInputError: F gives some displacements none.
+            ContactInputError: F gives some displacements none, or bodies as drawn a negative one.
         """
         with self.times.timed("assembly of J"):
             K, dofs = self.bodies.tangent(u), self.bodies.dofs
         try:
-            check_stiffness(K, dofs, "F")
+            check_stiffness(K, dofs, "F", at_rest=not u.any())
         except ContactInputError:
             K.destroy()
             raise

@@ -32,6 +32,9 @@ LOAD_STEPS = 4  # expected of a problem: of laws that open or slip, from stick t
 # multigrid in which the law comes to rest, without friction and with it.
 CHANGES, OPENING, SLIPPING = 10, 10.0, 22.0
 MEETING = 6.0  # solves more where it is open at first which pairs will touch
+# ... and between two bodies, along surfaces that part: forces of corrected rows die out from frame
+# node to frame node beside contact, and are found in solves to rounding.
+BETWEEN_BODIES = 100.0
 SINGLY = 100  # pairs of these at most, half of those that the factorised form asks for singly
 FEWEST = 3000  # unknowns from which on the condensed form takes multigrid with friction
 APART = 1e-6  # of the surface's size: gap from which on a pair does not touch as drawn
@@ -52,6 +55,7 @@ class Scene:
     slips: bool  # whether the rows of a law change with what slips, or gives way
     ranks: int = 1
     steps: int = LOAD_STEPS  # expected
+    framed: bool = False  # whether ``parted`` has pairs of two bodies, with a frame between
 
     @classmethod
     def of(cls, operators: ContactOperators, steps: int = LOAD_STEPS) -> "Scene":
@@ -66,13 +70,15 @@ class Scene:
         counts = np.bincount(label, minlength=operators.bodies.count) * dofs.components
         counts = operators.comm.allreduce(counts)
         motions = 0 if operators.tied else operators.floating.rigid.modes.shape[1]
-        parted, loose = 0, motions > 0 or steps > LOAD_STEPS
+        parted, framed, loose = 0, False, motions > 0 or steps > LOAD_STEPS
         for geometry in operators.geometries:
             law = geometry.interface.law
             for pairs in geometry.pairs if law.opens else ():
                 size = np.ptp(pairs.x, axis=0).max(initial=0.0)
                 gaps = np.abs(pairs.gap).max(axis=1) if law.closes_gap else np.zeros(len(pairs.gap))
-                parted += int((gaps > APART * size).sum()) if not loose else len(gaps)
+                apart = int((gaps > APART * size).sum())
+                framed |= apart > 0 and geometry.interface.obstacle is None
+                parted += apart if not loose else len(gaps)
         return cls(
             dim=dofs.gdim,
             order=dofs.order,
@@ -81,6 +87,7 @@ class Scene:
             frame=operators.unknowns.sizes[1],
             motions=motions,
             parted=parted,
+            framed=framed,
             opens=any(law.opens for law in laws),
             slips=any(law.slips or (law.gives and law.opens) for law in laws),
             ranks=operators.comm.size,
@@ -171,7 +178,8 @@ def _condensed(scene: Scene) -> Cost:
         return _saddle(scene)
     step = SWEPT * ROW[scene.dim] * scene.order**1.5 * scene.unknowns
     solves = SLIPPING if scene.slips else OPENING if scene.opens else float(LOAD_STEPS)
-    solves = BUILT + scene.turns * (solves + MEETING * (scene.parted > 0))
+    solves += MEETING * (scene.parted > 0) + BETWEEN_BODIES * (scene.framed and not scene.slips)
+    solves = BUILT + scene.turns * solves
     copies = 4 if scene.slips else 2 if scene.opens else 1
     gigabytes = copies * 12e-9 * ROW[scene.dim] * scene.order * scene.unknowns
     return Cost(solves * step / scene.ranks, gigabytes)

@@ -6,11 +6,12 @@ sign is wrong, and for those that get it wrong in turn.
 """
 
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Protocol
 
 import numpy as np
 from petsc4py import PETSc
+from scipy.sparse import hstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import chosen, gather_rows
@@ -19,6 +20,7 @@ from dolfinx_llm.forms.step import ROUNDED_GAP, SIGN, LinearStep, StepForm, Step
 from dolfinx_llm.forms.verdict import EPS, SEVERAL, UNBALANCED, largest
 from dolfinx_llm.laws.complementarity import complementarity
 from dolfinx_llm.laws.forecast import Forecast
+from dolfinx_llm.operators.floating import Floating
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.system import ContactOperators
 
@@ -63,6 +65,7 @@ class WholeSteps(StepForm):
         self.release()
         super().prepare(K, operators)
         self.scale = operators.scale
+        self.__dict__.pop("_stiffness", None)
 
     def set_up(self, step: LinearStep) -> SetUp:
         """The matrix of a step, ready for loads; it has the springs of the step."""
@@ -76,6 +79,11 @@ class WholeSteps(StepForm):
         made = self.set_up(step)
         self._set = step, made
         return made
+
+    @cached_property
+    def _stiffness(self) -> Array:
+        """(n,) of rows."""
+        return row_stiffness(self.operators, self.operators.diagonal)
 
     def release(self) -> None:
         """Free what was set up; collective."""
@@ -194,6 +202,15 @@ def forecast_of(step: LinearStep, k: Array, found: StepResult) -> Forecast:
     touch = np.where(step.active | step.may_open, k, 0.0)
     hold = np.maximum(-step.D.diagonal(), 0.0)
     return Forecast(step.L, touch, step.may_open, hold, found.w)
+
+
+def with_bodies(forecast: Forecast, floating: Floating, f: Array) -> tuple[Forecast, Array]:
+    """The same where bodies that contact alone holds go to where what presses balances this rank's
+    loads f on them, and these loads on all."""
+    L = hstack([forecast.L, -floating.G[:, : floating.count]], format="csr")
+    free = np.zeros(floating.count)
+    hold, w = np.append(forecast.hold, free), np.append(forecast.w, free)
+    return replace(forecast, L=L, hold=hold, w=w), -floating.loads(f)
 
 
 def row_stiffness(operators: ContactOperators, diagonal: Array) -> Array:

@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.direct import DirectSolver
-from dolfinx_llm.forms.exchange import WholeSteps, forecast_of, row_stiffness
+from dolfinx_llm.forms.exchange import WholeSteps, forecast_of
 from dolfinx_llm.forms.step import LinearStep, StepResult
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import create_aij, join_blocks, local_csr, with_springs
@@ -44,8 +44,8 @@ class SaddleForm(WholeSteps):
         self._fewest = min(wrong, self._fewest)
         if not wrong or self._swings <= STALLED or abs(step.E - step.L.T).nnz:
             return found
-        k = row_stiffness(self.operators, self.operators.diagonal)
-        pressing = forecast_of(step, k, found).pressing(found.multiplier, found.y + step.g)
+        forecast = forecast_of(step, self._stiffness, found)
+        pressing = forecast.pressing(found.multiplier, found.y + step.g)
         told = step.may_open & (pressing != found.active)
         return replace(found, wrong=told) if told.any() else found
 

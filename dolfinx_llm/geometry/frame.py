@@ -266,7 +266,7 @@ def _check_straight(frame: Frame) -> None:
         raise ContactInputError(
             f"frame: cells {bad[:10].tolist()} of second order are curved, by up to "
             f"{off.max():.3g}: made for nodes in the middle of straight edges. Give straight "
-            "cells, or cells of first order"
+            "cells, numbered as gmsh does (corners, edges in turn, middle), or cells of first order"
         )
 
 

@@ -158,7 +158,7 @@ class RigidSurface(Obstacle):
     rim may lean, as facets do at a plane of symmetry: what is right above it meets its plane.
 
     Args:
-        mesh: a ``Frame`` whose normals point out of the obstacle, towards the body.
+        mesh: a ``Frame`` whose normals point to the body, in 2D to the left of its cells.
         displacement, rotation, pivot, force, moment: (gdim,) or numbers, as of ``Obstacle``.
 
     Raises:
@@ -168,8 +168,8 @@ class RigidSurface(Obstacle):
     >>> distance, direction = ramp.clearance(np.array([[0.0, 2.5]]))
     >>> distance.round(12).item(), direction.round(12).tolist()
     (2.0, [[0.6, -0.8]])
-    >>> ramp.clearance(np.array([[-1.0, 0.0]]))[0]  # beyond its rim
-    array([inf])
+    >>> ramp.clearance(np.array([[-1.0, 0.0]]))[0].tolist()  # beyond its rim
+    [inf]
     >>> roof = RigidSurface(Frame([[1.0, -1.0], [0.0, 0.0], [-1.0, -1.0]], [[1, 0], [2, 1]]))
     >>> roof.clearance(np.array([[0.0, 0.5], [0.3, 0.4]]))[0]
     array([0.5, 0.5])

@@ -56,10 +56,20 @@ class Forecast:
             position: (n,) y + g there [length].
             loads: what Lᵀ λ' is for the last columns of L, where the guess does not tell [force].
         """
-        force = np.where(self.k > 0.0, force, 0.0)
-        pull, target = force + self.k * position, self.L.T @ force
+        target = self.L.T @ np.where(self.k > 0.0, force, 0.0)
         if loads is not None and len(loads):
             target[-len(loads) :] = loads
+        return self.settled(force, position, target)[0]
+
+    def settled(self, force: Array, position: Array, target: Array) -> tuple[Array, Array]:
+        """(n,) rows of ``press`` with λ' > 0, and w' (m,) [length].
+
+        Args:
+            force, position: as of ``pressing``.
+            target: (m,) Lᵀ λ' but for what holds the frame [force].
+        """
+        force = np.where(self.k > 0.0, force, 0.0)
+        pull = force + self.k * position
         used = self.L.multiply(self.k[:, None]).tocsc()
         fit = used.T @ self.L + HOLDS[-1] * self.k.mean() * identity(used.shape[1])
         w = splu(csc_matrix(fit)).solve(used.T @ position) if used.shape[1] else np.zeros(0)
@@ -73,7 +83,7 @@ class Forecast:
                 about = np.where(self.hold > 0.0, self.w, w)
                 hold = np.maximum(self.hold, holds[-1])
                 w = self._least(pull, target, w, about, hold, enough)
-        return (self._answer(pull, w) > 0.0) & self.press
+        return (self._answer(pull, w) > 0.0) & self.press, w
 
     def _answer(self, pull: Array, w: Array) -> Array:
         """λ'."""

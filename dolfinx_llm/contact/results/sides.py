@@ -15,6 +15,7 @@ from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import CLOSED, OPEN
 
 FELT = 1e-9  # part of the largest force or motion, below which there is none
+FARTHER = 2.0  # times the most that bodies move along each other: no slip is beyond
 IDLE = 1e-13  # force over the surfaces' stiffness times their motion that is rounding
 
 
@@ -165,17 +166,30 @@ def known_slips(
     geometry: InterfaceGeometry, sides: Sequence[SideResult], idle: Array
 ) -> tuple[SideResult, ...]:
     """The sides (of nodes) with slips where the frame tells none, half of the motion of the bodies
-    along each other: along what supports hold on both sides, rows (n c,) that are left out; and of
-    pairs in contact that do not follow the frame, without friction of their own."""
+    along each other: along what supports hold on both sides, rows (n c,) that are left out; of
+    pairs in contact that do not follow the frame, without friction of their own; and where it has
+    gone farther than any of the bodies along each other, as nodes at the rim of contact may, of
+    which pairs see small entries of corrected rows alone."""
     found, first, law = [], 0, geometry.interface.law
-    for k, N in enumerate(geometry.opposite):
+    other = zip(geometry.opposite, sides, sides[::-1])
+    jumps = [side.u - N @ across.u for N, side, across in other]
+    farthest = [along_surface(jump, side) for jump, side in zip(jumps, sides)]
+    most = FARTHER * max((far.max(initial=0.0) for far in farthest), default=0.0)
+    for k, jump in enumerate(jumps):
         p, side = geometry.pairs[k], sides[k]
         untold = idle[first : first + p.base[:, :, 0].size].reshape(p.base.shape[:2]).copy()
         first += untold.size
         if not law.gives:
             untold |= (side.status == CLOSED)[:, None]
+        untold |= (along_surface(side.slip, side) > most)[:, None]
         untold[side.status == OPEN] = untold[:, -1] = False  # the last row is the normal's
-        own = 0.5 * (side.u - N @ sides[1 - k].u) - side.slip
+        own = 0.5 * jump - side.slip
         along = np.einsum("nci,ni->nc", p.base, own) * untold
         found.append(replace(side, slip=side.slip + np.einsum("nc,nci->ni", along, p.base)))
     return tuple(found) or tuple(sides)
+
+
+def along_surface(motion: Array, side: SideResult) -> Array:
+    """(n,) how far motions (n, gdim) go along a side where it is in contact [length]."""
+    across = np.einsum("ni,ni->n", motion, side.normal)[:, None] * side.normal
+    return np.linalg.norm(motion - across, axis=1) * (side.status != OPEN)

@@ -24,6 +24,7 @@ from dolfinx_llm.contact.search.circles import Circles, failure
 from dolfinx_llm.contact.search.flickering import lets_go, release, require_friction
 from dolfinx_llm.contact.search.gross_slip import slide
 from dolfinx_llm.contact.search.iterate import ENOUGH, Iterate, entry, take_over
+from dolfinx_llm.contact.search.let_go import let_go
 from dolfinx_llm.contact.search.parted import Parted
 from dolfinx_llm.contact.search.reached import Reached
 from dolfinx_llm.contact.search.soft_rows import CALM, CONSTANT, GivingWay
@@ -232,7 +233,11 @@ class Search:
         self._about, self._without_friction.now = ahead, False
         self._calm, self._before = (0, np.inf) if released else (self._calm, now.miss)
         # From then on the frame goes on from where it is, and what no force holds stays.
-        self._calmed = self._calmed or self._calm > 0
+        if self._calm > 0 and not self._calmed:
+            self._calmed, firm = True, equations.frames.epsilon > self._form.proximal
+            equations.frames.epsilon = self._form.proximal
+            if firm and now.drawn > LONG_ENOUGH and not self._form.light:
+                w = let_go(equations, self._linear_step(), now, self._f)
         centre = w if self._calmed else equations.middle(now.position, w)
         # A frame node under a tiny force goes to where it touches, ever faster: a pin in a 3D
         # lug takes 22 iterations by the whole system, and 83 without.

@@ -155,7 +155,7 @@ class FrictionStep:
         except ContactInputError:
             raise
         except ContactError as error:
-            of.give_up(f"GMRES + GAMG ended without an answer ({error})")
+            of.give_up(f"GMRES + GAMG gave no answer ({error})")
             self._factorise()
             return None
         if main:
@@ -202,7 +202,8 @@ class FrictionStep:
                 if reason > 0 and size <= AT_ROUNDING * load:
                     return q, 0.0, load
                 share = f"{size / load:.0e} of the load left"
-                raise ContactError(f"{took} iterations, PETSc's reason {reason}, {share}")
+                ended = f"PETSc's reason {reason}" if reason < 0 else "by rounding"
+                raise ContactError(f"{took} iterations, {ended}, {share}")
         return q, 0.0 if size <= 2.0 * LEFT_BY_ROUNDING * load else size, level
 
     def _left(self, b: Array, q: Array) -> Array:

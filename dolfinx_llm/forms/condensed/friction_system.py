@@ -117,7 +117,7 @@ class FrictionSystem:
         except ContactInputError:
             raise
         except ContactError as error:
-            self.give_up(f"GMRES + GAMG ended without an answer ({error})")
+            self.give_up(f"GMRES + GAMG gave no answer ({error})")
             return rows, None
         return own, reduced
 

@@ -6,12 +6,11 @@ reduced matrix is then not symmetric (``friction``).
 """
 
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.sparse import hstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import gather_rows
@@ -23,7 +22,7 @@ from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.symmetric import items_of
 from dolfinx_llm.forms.condensed.system import CondensedSystem
 from dolfinx_llm.forms.cost import FEWEST
-from dolfinx_llm.forms.exchange import SetUp, WholeSteps, forecast_of, row_stiffness
+from dolfinx_llm.forms.exchange import SetUp, WholeSteps, forecast_of, with_bodies
 from dolfinx_llm.forms.options import FACTORISED
 from dolfinx_llm.forms.step import SOFT, LinearStep, StepResult
 from dolfinx_llm.forms.verdict import FinalError
@@ -62,7 +61,7 @@ class CondensedForm(WholeSteps):
         self._known = np.zeros(0)  # what the system's matrix was made of
         self._spring, self._swings, self._fewest = 0.0, 0, np.inf
         self._seen: list[Array] = []  # rows in contact in the steps towards one load
-        self.__dict__.pop("_stiffness", None)
+        self._steps, self._hold = 0, 0.0  # of them since frames are held as they are
 
     def solve(self, f: Array, step: LinearStep) -> StepResult:
         """See ``StepForm``."""
@@ -76,9 +75,11 @@ class CondensedForm(WholeSteps):
         if not step.holds:  # what the matrix alone does not tell
             self.release()
         new = f is not self._f
-        self._seen = [] if new else self._seen
+        self._seen, hold = [] if new else self._seen, step.D.diagonal().min(initial=0.0)
+        self._steps, self._hold = self._steps * (not new and hold == self._hold), hold
         back = any(np.array_equal(step.active, one) for one in self._seen)
         self._seen.append(step.active)
+        self._steps += 1
         if step.symmetric:
             found = self._frictionless(f, step, back)
         else:
@@ -95,7 +96,7 @@ class CondensedForm(WholeSteps):
     def _frictionless(self, f: Array, step: LinearStep, back: bool) -> StepResult:
         """A step without friction. Where signs are wrong it need not be solved to the end: what
         presses next is forecast; pairs are asked for where that comes back, or takes long."""
-        if self.friction is not None and len(self._seen) > SWUNG and not self._by_cg(step):
+        if self.friction is not None and self._steps > SWUNG and not self._by_cg(step):
             self.friction.give_up(SWINGS_ON)
             back = True
         self.most = CondensedForm.most if back else 0
@@ -132,7 +133,9 @@ class CondensedForm(WholeSteps):
 
     def _foretold(self, f: Array, step: LinearStep, found: StepResult) -> StepResult:
         """The same, with those rows wrong that will change."""
-        if not found.wrong.any() or (self.friction is not None and self.friction.direct):
+        direct = self.friction is not None and self.friction.direct
+        asked = direct and not (step.symmetric and found.wrong.sum() > self.most)
+        if not found.wrong.any() or asked:
             return found
         # By the balance of frames and jumps.
         told = step.symmetric or _smooth(self.operators)
@@ -140,11 +143,6 @@ class CondensedForm(WholeSteps):
         pressing = _pressing(step, self._stiffness, found, bodies, f)
         wrong = step.may_open & (pressing != step.active)
         return replace(found, wrong=wrong) if wrong.any() else found
-
-    @cached_property
-    def _stiffness(self) -> Array:
-        """(n,) of rows."""
-        return row_stiffness(self.operators, self.split.diagonal)
 
     def _judge_friction(self, found: StepResult, step: LinearStep) -> None:
         """How far balance and laws may be trusted; where contact goes back and forth, pairs are
@@ -286,10 +284,7 @@ def _pressing(
     forecast, g = forecast_of(step, k, found), step.g
     if floating is None:
         return forecast.normal().pressing(found.multiplier, found.y + g)
-    L = hstack([forecast.L, -floating.G[:, : floating.count]], format="csr")
-    free = np.zeros(floating.count)
-    hold, w = np.append(forecast.hold, free), np.append(found.w, free)
-    forecast, loads = replace(forecast, L=L, hold=hold, w=w), -floating.loads(f)
+    forecast, loads = with_bodies(forecast, floating, f)
     return forecast.pressing(found.multiplier, found.y + g, loads)
 
 

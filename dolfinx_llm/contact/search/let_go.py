@@ -1,0 +1,46 @@
+"""Frames that have been held firmly, and are let go once contact has come to rest.
+
+What firm springs bear then falls to the bodies. Corrected rows pass forces on beside contact, which
+die out from frame node to frame node: each goes far until it touches, and to solve for them one by
+one takes a step each. Bodies hardly move by such forces, so that the balance of frames tells all of
+them at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import told
+from dolfinx_llm.contact.equations.equations import Equations
+from dolfinx_llm.contact.search.iterate import Iterate
+from dolfinx_llm.forms.exchange import forecast_of, row_stiffness, with_bodies
+from dolfinx_llm.forms.step import LinearStep
+
+
+def let_go(equations: Equations, step: LinearStep, now: Iterate, f: Array) -> Array:
+    """(m,) where frames are once they are held as in a step; interfaces take over which pairs press
+    then. With friction nothing changes. Collective.
+
+    Args:
+        equations: of the laws.
+        step: the next one, in which frames are held weakly.
+        now: the last iterate, in which they were held firmly.
+        f: this rank's load.
+    """
+    if not step.symmetric or not step.may_open.any() or step.compliance.any():
+        return now.w
+    operators, m = equations.operators, len(now.w)
+    step = replace(step, active=now.result.active)
+    forecast = forecast_of(step, row_stiffness(operators, operators.diagonal), now.result)
+    forecast, loads = with_bodies(forecast, operators.floating, f)
+    target = np.append(np.zeros(m), loads)
+    found = forecast.settled(now.multiplier, now.position, target)
+    pressing, w = told(operators.comm, found)
+    active = np.where(step.may_open, pressing, step.active)
+    for s in equations.states:
+        if s.law.opens:
+            s.touch(active[s.nodes.rows[:, -1]])
+    return np.asarray(w[:m])
