@@ -305,6 +305,12 @@ def stiffness_that_became_zero(comm):
     problem.solve()
 
 
+@case(r"\d+ of \d+ free displacements have a negative stiffness.*E > 0", INPUT)
+def negative_modulus(comm):
+    V, tags = scenes.two_blocks(comm)
+    scenes.block_problem(V, tags, scale=fem.Constant(V.mesh, -1.0)).solve()
+
+
 @case(r"vector space of first or second order .* 64 nodes per cell .* all that is left", INPUT)
 def third_order_space(comm):
     V, tags = scenes.two_blocks(comm, 2, 1)
