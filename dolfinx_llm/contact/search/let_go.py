@@ -8,6 +8,7 @@ them at once.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -19,17 +20,31 @@ from dolfinx_llm.contact.search.iterate import Iterate
 from dolfinx_llm.forms.exchange import forecast_of, row_stiffness, with_bodies
 from dolfinx_llm.forms.step import LinearStep
 
+SPARED = 1e-9  # of the largest force: firm springs that bear less are let go as they are
 
-def let_go(equations: Equations, step: LinearStep, now: Iterate, f: Array) -> Array:
-    """(m,) where frames are once they are held as in a step; interfaces take over which pairs press
-    then. With friction nothing changes. Collective.
+
+def let_go(
+    equations: Equations,
+    linear: Callable[[], LinearStep],
+    weakly: float,
+    now: Iterate,
+    f: Array,
+) -> Array:
+    """(m,) where frames are once they are held weakly; interfaces take over which pairs press then.
+    With friction nothing changes. Collective.
 
     Args:
         equations: of the laws.
-        step: the next one, in which frames are held weakly.
+        linear: the next step, as these hold frames.
+        weakly: how, over the surfaces' stiffness.
         now: the last iterate, in which they were held firmly.
         f: this rank's load.
     """
+    if now.drawn <= SPARED:
+        return now.w
+    firmly, equations.frames.epsilon = equations.frames.epsilon, weakly
+    step = linear()
+    equations.frames.epsilon = firmly  # which the next iteration compares with
     if not step.symmetric or not step.may_open.any() or step.compliance.any():
         return now.w
     operators, m = equations.operators, len(now.w)

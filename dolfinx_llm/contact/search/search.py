@@ -234,11 +234,9 @@ class Search:
         self._calm, self._before = (0, np.inf) if released else (self._calm, now.miss)
         # From then on the frame goes on from where it is, and what no force holds stays.
         if self._calm > 0 and not self._calmed:
-            self._calmed, firm = True, equations.frames.epsilon
-            if firm > self._form.proximal and now.drawn > LONG_ENOUGH and not self._form.light:
-                equations.frames.epsilon = self._form.proximal
-                w = let_go(equations, self._linear_step(), now, self._f)
-                equations.frames.epsilon = firm  # in the next iteration it is another
+            self._calmed = True
+            if equations.frames.epsilon > self._form.proximal and not self._form.light:
+                w = let_go(equations, self._linear_step, self._form.proximal, now, self._f)
         centre = w if self._calmed else equations.middle(now.position, w)
         # A frame node under a tiny force goes to where it touches, ever faster: a pin in a 3D
         # lug takes 22 iterations by the whole system, and 83 without.
