@@ -83,7 +83,7 @@ class WholeSteps(StepForm):
     @cached_property
     def _stiffness(self) -> Array:
         """(n,) of rows."""
-        return row_stiffness(self.operators, self.operators.diagonal)
+        return row_stiffness(self.operators)
 
     def release(self) -> None:
         """Free what was set up; collective."""
@@ -213,16 +213,15 @@ def with_bodies(forecast: Forecast, floating: Floating, f: Array) -> tuple[Forec
     return replace(forecast, L=L, hold=hold, w=w), -floating.loads(f)
 
 
-def row_stiffness(operators: ContactOperators, diagonal: Array) -> Array:
+def row_stiffness(operators: ContactOperators) -> Array:
     """(n,) what a body sets against the motion of a row's node alone, about [force / length].
 
     Args:
-        operators: of the interfaces.
-        diagonal: (n_local,) of the stiffness; at prescribed dofs that of the surfaces counts.
+        operators: of the interfaces; at prescribed dofs the stiffness of the surfaces counts.
     """
     rows = operators.rows
     mine = rows.numbering.mine
     dofs = rows.dofs[mine] - operators.dofs.first
-    own = np.where(operators.dofs.fixed[dofs], operators.scale, diagonal[dofs])
+    own = np.where(operators.dofs.fixed[dofs], operators.scale, operators.diagonal[dofs])
     stiffness = (rows.base[mine] ** 2 * own).sum(axis=1) / YIELDING
     return gather_rows(operators.comm, stiffness)[rows.numbering.number]

@@ -17,7 +17,7 @@ from dolfinx_llm.geometry.element import shape_functions
 
 # Along an edge of facets of k corners: polynomials of degree 8 are exact on triangles; the inverse
 # map of quadrilaterals is smooth, and integrated to rounding where corners are moved by a third.
-ON_EDGE = {3: gauss(6), 4: gauss(24)}
+_EDGE_POINTS = {3: gauss(6), 4: gauss(24)}
 
 # Positions in a cell of k corners as coefficients of 1, r, s and r s: (4, k).
 _MONOMIALS = {
@@ -44,7 +44,7 @@ class Swept:
         Args:
             to_edge: points and weights on [0, 1] from the reference facet's origin to an edge.
         """
-        (s, ws), (r, wr), side = ON_EDGE[corners.shape[1]], to_edge, b - a
+        (s, ws), (r, wr), side = _EDGE_POINTS[corners.shape[1]], to_edge, b - a
         x = a[:, None] + s[:, None] * side[:, None]
         xi = reference_coordinates(corners, x)
         N, dN = shape_at(corners.shape[1], xi)

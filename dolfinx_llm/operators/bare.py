@@ -38,8 +38,8 @@ def check_stiffness(K: PETSc.Mat, dofs: BodyDofs, form: str, at_rest: bool = Tru
     if where := _where(free & (diagonal < 0.0) & at_rest, free, dofs):
         raise ContactInputError(
             f"{where[0]} free {kind} have a negative stiffness, at nodes from {where[1]}: the form "
-            f"{form} gives way with energy of its own. Check the signs of coefficients (E > 0, "
-            "-1 < nu < 0.5), and of the form, which is that of internal forces less loads"
+            f"{form} gives it. Check the signs of coefficients (E > 0, -1 < nu < 0.5), and of the "
+            "form, which is that of internal forces less loads"
         )
 
 

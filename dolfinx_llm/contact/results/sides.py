@@ -173,7 +173,7 @@ def known_slips(
     found, first, law = [], 0, geometry.interface.law
     other = zip(geometry.opposite, sides, sides[::-1])
     jumps = [side.u - N @ across.u for N, side, across in other]
-    farthest = [along_surface(jump, side) for jump, side in zip(jumps, sides)]
+    farthest = [_along_surface(jump, side) for jump, side in zip(jumps, sides)]
     most = FARTHER * max((far.max(initial=0.0) for far in farthest), default=0.0)
     for k, jump in enumerate(jumps):
         p, side = geometry.pairs[k], sides[k]
@@ -181,7 +181,7 @@ def known_slips(
         first += untold.size
         if not law.gives:
             untold |= (side.status == CLOSED)[:, None]
-        untold |= (along_surface(side.slip, side) > most)[:, None]
+        untold |= (_along_surface(side.slip, side) > most)[:, None]
         untold[side.status == OPEN] = untold[:, -1] = False  # the last row is the normal's
         own = 0.5 * jump - side.slip
         along = np.einsum("nci,ni->nc", p.base, own) * untold
@@ -189,7 +189,7 @@ def known_slips(
     return tuple(found) or tuple(sides)
 
 
-def along_surface(motion: Array, side: SideResult) -> Array:
+def _along_surface(motion: Array, side: SideResult) -> Array:
     """(n,) how far motions (n, gdim) go along a side where it is in contact [length]."""
     across = np.einsum("ni,ni->n", motion, side.normal)[:, None] * side.normal
     return np.linalg.norm(motion - across, axis=1) * (side.status != OPEN)

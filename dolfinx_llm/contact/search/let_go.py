@@ -8,13 +8,13 @@ them at once.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.parallel import told
+from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.contact.equations.equations import Equations
 from dolfinx_llm.contact.search.iterate import Iterate
 from dolfinx_llm.forms.exchange import forecast_of, row_stiffness, with_bodies
@@ -23,37 +23,27 @@ from dolfinx_llm.forms.step import LinearStep
 SPARED = 1e-9  # of the largest force: firm springs that bear less are let go as they are
 
 
-def let_go(
-    equations: Equations,
-    linear: Callable[[], LinearStep],
-    weakly: float,
-    now: Iterate,
-    f: Array,
-) -> Array:
+def let_go(equations: Equations, step: LinearStep, share: float, now: Iterate, f: Array) -> Array:
     """(m,) where frames are once they are held weakly; interfaces take over which pairs press then.
     With friction nothing changes. Collective.
 
     Args:
         equations: of the laws.
-        linear: the next step, as these hold frames.
-        weakly: how, over the surfaces' stiffness.
-        now: the last iterate, in which they were held firmly.
+        step: the last one, with what is in contact, in which frames were held firmly.
+        share: how weakly, over that.
+        now: what the step has found.
         f: this rank's load.
     """
-    if now.drawn <= SPARED:
-        return now.w
-    firmly, equations.frames.epsilon = equations.frames.epsilon, weakly
-    step = linear()
-    equations.frames.epsilon = firmly  # which the next iteration compares with
-    if not step.symmetric or not step.may_open.any() or step.compliance.any():
+    loses = now.drawn > SPARED and step.may_open.any()
+    if not loses or not step.symmetric or step.compliance.any():
         return now.w
     operators, m = equations.operators, len(now.w)
-    step = replace(step, active=now.result.active)
-    forecast = forecast_of(step, row_stiffness(operators, operators.diagonal), now.result)
+    forecast = forecast_of(step, row_stiffness(operators), now.result)
+    forecast = replace(forecast, hold=share * forecast.hold)
     forecast, loads = with_bodies(forecast, operators.floating, f)
     target = np.append(np.zeros(m), loads)
-    found = forecast.settled(now.multiplier, now.position, target)
-    pressing, w = told(operators.comm, found)
+    settled = partial(forecast.settled, now.multiplier, now.position, target)
+    pressing, w = chosen(operators.comm, settled)
     active = np.where(step.may_open, pressing, step.active)
     for s in equations.states:
         if s.law.opens:

@@ -235,8 +235,9 @@ class Search:
         # From then on the frame goes on from where it is, and what no force holds stays.
         if self._calm > 0 and not self._calmed:
             self._calmed = True
-            if equations.frames.epsilon > self._form.proximal and not self._form.light:
-                w = let_go(equations, self._linear_step, self._form.proximal, now, self._f)
+            firmly, weakly = equations.frames.epsilon, self._form.proximal
+            if firmly > weakly and not self._form.light:
+                w = let_go(equations, self.step, weakly / firmly, now, self._f)
         centre = w if self._calmed else equations.middle(now.position, w)
         # A frame node under a tiny force goes to where it touches, ever faster: a pin in a 3D
         # lug takes 22 iterations by the whole system, and 83 without.

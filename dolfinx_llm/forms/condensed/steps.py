@@ -75,11 +75,12 @@ class CondensedForm(WholeSteps):
         if not step.holds:  # what the matrix alone does not tell
             self.release()
         new = f is not self._f
-        self._seen, hold = [] if new else self._seen, step.D.diagonal().min(initial=0.0)
-        self._steps, self._hold = self._steps * (not new and hold == self._hold), hold
+        hold = step.D.diagonal().min(initial=0.0)
+        self._seen = [] if new else self._seen
+        self._steps = 1 if new or hold != self._hold else self._steps + 1
+        self._hold = hold
         back = any(np.array_equal(step.active, one) for one in self._seen)
         self._seen.append(step.active)
-        self._steps += 1
         if step.symmetric:
             found = self._frictionless(f, step, back)
         else:
