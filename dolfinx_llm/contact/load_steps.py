@@ -149,7 +149,7 @@ def _judged(iteration: ContactIteration, found: StepResult, f: Array, g: Array) 
     # Of rows in contact: where it is open gaps of any size carry no force.
     y, follows, g = (found.active * a for a in (found.y, follows, g))
     apart, *motions = (operators.scale * size(a) for a in (y - follows + g, y, follows, g))
-    left = max(left, beyond(apart, max(motions)), equations.imbalance(multiplier))
+    left = max(left, beyond(apart, max(motions)), equations.imbalance(multiplier, found.w))
     verdict = Verdict(0.0, 0.0)  # where free dofs carry no force
     # Gaps that may close are differences of positions, whose rounding is no force.
     bodies = operators.bodies

@@ -19,6 +19,7 @@ from scipy.sparse import vstack as stack
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.sparse import beside, diagonal, per_item, picking, symmetric_factors
+from dolfinx_llm.contact.equations.at_supports import with_supports
 from dolfinx_llm.contact.equations.clamped import ClampedRows
 from dolfinx_llm.contact.equations.friction_nodes import friction_nodes
 from dolfinx_llm.contact.equations.prescribed_slip import rows_of, told
@@ -53,6 +54,7 @@ class Equations:
         idle: forces [force] up to which interfaces stick: weak springs alone press there, and lead
             bodies that have come free away.
         start: (n,) λ at the start of the load step: friction at rest keeps it [force].
+        g: (n,) gaps of the load step [length].
         about: (n,) λ about which these do, at a solution the solution's [force].
         left_out: (n,) normal rows in this load step, see ``clamped``.
         normal, drifts: (n,) rows that may open; (m,) normal motion of frames.
@@ -76,7 +78,7 @@ class Equations:
         self.m = self.L.shape[1]
         self.frames = FrameRows(self.states, self.L_t, self.m, self.scale)
         self.operators, self.loads = operators, np.zeros(self.n_v)
-        self.start, self.about = np.zeros(self.n), np.zeros(self.n)
+        self.start, self.about, self.g = np.zeros((3, self.n))
         self.left_out = np.zeros(self.n, dtype=bool)
         self.idle = self.least = 0.0
         self._rigid = np.zeros(self.m)  # 1: translations of obstacles, the others nodal motions
@@ -102,7 +104,7 @@ class Equations:
 
     def begin(self, multiplier: Array, w: Array, g: Array) -> None:
         """A load step from λ (n,) and w (m,), with gaps g (n,)."""
-        self.idle, self.least, self.start = 0.0, unfelt(self, w), multiplier
+        self.idle, self.least, self.start, self.g = 0.0, unfelt(self, w), multiplier, g
         self.left_out = self._clamped.hold(self.states, g)
 
     @cached_property
@@ -145,7 +147,7 @@ class Equations:
         kept = np.where(active, self.about, 0.0)
         compliance = np.where(self.soft, SOFT / self.scale, self.compliance)
         now = self.frames.rows()
-        E, D, rhs = [now.E], [now.D], [now.own @ centre + self.loads]
+        E, D, rhs = [now.E], [now.D], [now.own @ centre + self.loads + now.pull @ g]
         for s, parts in zip(self.states, now.slips, strict=True):
             if s.nodes.kappa.size:
                 rows = self.law_rows(s, about[0], about[1], calmed)
@@ -206,12 +208,12 @@ class Equations:
 
     def miss(self, multiplier: Array, w: Array) -> float:
         """By how much balance of the frames and the laws are missed, at most [force]."""
-        return max(self.imbalance(multiplier), _law_miss(self, multiplier, w))
+        return max(self.imbalance(multiplier, w), _law_miss(self, multiplier, w))
 
-    def imbalance(self, multiplier: Array) -> float:
+    def imbalance(self, multiplier: Array, w: Array) -> float:
         """Largest entry of L_bᵀ λ less its loads [force]; of nodes that follow others in the sum
         with theirs."""
-        forces = self.L_t @ multiplier
+        forces = self.L_t @ with_supports(self, multiplier, w)
         if not self.operators.tied:
             forces = self.frames.rows().gather @ forces
         return float(np.abs(forces - self.loads).max(initial=0.0))

@@ -14,6 +14,7 @@ from scipy.sparse import block_diag, coo_matrix, csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import picking
+from dolfinx_llm.contact.equations.at_supports import holding
 from dolfinx_llm.contact.equations.state import InterfaceState
 
 
@@ -89,6 +90,7 @@ class Rows:
     E: csr_matrix  # (n_v, n)
     D: csr_matrix  # (n_v, m)
     gather: csr_matrix  # (n_v, n_v) forces at the frame's nodes, summed up where these balance
+    pull: csr_matrix  # (n_v, n) of rows at supports that hold frames, by their gaps
     slips: list[SlipRows]  # per interface
 
 
@@ -130,7 +132,11 @@ class FrameRows:
         relative.resize(own.shape)
         slips = [SlipRows.of(s, n, P) for s in self._states]
         forces = gather @ self._L_t
-        rows = self._rows = Rows(own, forces, own + self._scale * relative, gather, slips)
+        pull = holding(self._states, forces, self._scale)
+        holds = pull @ self._L_t.T
+        holds.resize(own.shape)
+        D = own + self._scale * relative + holds
+        rows = self._rows = Rows(own, forces, D, gather, pull, slips)
         self._of = of
         return rows
 

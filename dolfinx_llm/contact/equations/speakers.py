@@ -134,7 +134,8 @@ class Followers:
         active: Array,
         pulled: Array,
         anchored: Array,
-        adrift: float,
+        adrift: Array,
+        still: Array,
         chosen: bool,
     ) -> Followers:
         """Nodes at the rim of contact follow a neighbour.
@@ -145,7 +146,8 @@ class Followers:
             active: (n,) pairs in contact.
             pulled: (k,) nodes that corrected rows pull at.
             anchored: (k,) by how many sides supports alone hold nodes.
-            adrift: sum of N² of the pairs tied below which a node also moves with its speaker.
+            adrift: (k,) sum of N² of the pairs tied below which a node also moves with its speaker.
+            still: (m d,) motions of the frame that supports tell.
             chosen: ties are, and stay while pairs at the rim come and go: these tell no neighbours.
         """
         k, t = nodes.kappa.shape
@@ -164,7 +166,7 @@ class Followers:
         relative = identity(k * t, format="csr") - diagonal(weak) @ alike
         held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
         led = (held < adrift) & (anchored == 0) & (speaker != np.arange(k))
-        carried = _carried(led, parts, t + 1)
+        carried = _carried(led, still, parts, t + 1)
         sums = parts.T.tocsr()
         return Followers(speaker, sums, free, alike.T.tocsr(), relative, *carried)
 
@@ -196,10 +198,11 @@ class LastFollowers:
         return found
 
 
-def _carried(led: Array, parts: csr_matrix, d: int) -> tuple[csr_matrix, csr_matrix]:
+def _carried(led: Array, still: Array, parts: csr_matrix, d: int) -> tuple[csr_matrix, csr_matrix]:
     """Frame nodes that hardly any pair holds, ``led`` (m,), move tangentially as their speaker
-    does: sums of forces there, and tangential motion against that one's (m d, m d)."""
-    weak = np.repeat(led, d)
+    does, but where supports tell, ``still`` (m d,): sums of forces there, and tangential motion
+    against that one's (m d, m d)."""
+    weak = np.repeat(led, d) & ~still
     weak[d - 1 :: d] = False
     follows = diagonal(weak)
     moved = follows @ kron(parts, identity(d), format="csr")

@@ -9,6 +9,7 @@ import numpy as np
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
+from dolfinx_llm.contact.equations.at_supports import at_supports
 from dolfinx_llm.contact.equations.friction_nodes import FLOOR, FrictionNodes
 from dolfinx_llm.contact.equations.speakers import ADRIFT, Followers, LastFollowers
 from dolfinx_llm.interface.update import Transfer
@@ -99,9 +100,10 @@ class InterfaceState:
         shares: nodes at the rim of contact slip as others do; in a plane alone, see ``carrier``.
         second, keeps: of second order, whose pairs that do not come to rest may keep their ties;
             whether they do, see ``flickering``.
-        asked: whether ties have been chosen in this load step, see ``ties``.
+        adrift, asked: (k,) see ``Followers``; whether ties have been chosen in this load step.
         grazes: friction of open pairs, over the normal force.
         pulled: (k,) nodes that corrected rows pull at: they slip as another does.
+        still, at_supports: (m d,) motions of the frame that supports tell; (n c,) by which rows.
         anchored: (k,) by how many sides supports alone hold nodes; by two: without friction.
     """
 
@@ -110,9 +112,9 @@ class InterfaceState:
         rubs = law.shares and law.opens and law.slips and not law.gives
         self.shares = rubs and nodes.geometry.law_side is None
         self.second = self.shares and any(p.control is not None for p in nodes.geometry.pairs)
-        self.glides, self.touched, self._touching = False, 0, np.empty(0)  # all follow the frame
-        none = np.zeros((2, len(nodes.rows)), dtype=bool)  # pairs that cannot part
-        self.stays, self.clamped, self.overlap = *none, 0.0
+        self.glides, self.overlap = False, 0.0  # glides: all follow the frame
+        self.touched, self._touching = 0, np.empty(0)
+        self.stays, self.clamped = np.zeros((2, len(nodes.rows)), dtype=bool)  # cannot part
         self.others, self._followers = Followers.none(nodes), LastFollowers(nodes)
         self.given: dict[str, Array] = {}
         self.forget()
@@ -124,15 +126,14 @@ class InterfaceState:
 
     def forget(self) -> None:
         """All in contact, no jump, as drawn."""
-        k = len(self.nodes.kappa)
         self.own = ContactState.at_first(len(self.nodes.rows), self.nodes.kappa.shape)
         self.begin()
-        if k:
+        if self.nodes.kappa.size:
             with collective(self.nodes.comm):
                 self.own.history = self.law.start(self.at_rest())
             self.read()
             self.take(self.rows_at(self.at_rest()))
-            self.own.status = np.full(k, STICK)
+            self.own.status = np.full(len(self.nodes.kappa), STICK)
 
     def read(self) -> None:
         """At the start of a load step: what users give and may have changed; collective."""
@@ -140,10 +141,11 @@ class InterfaceState:
             with collective(self.nodes.comm):
                 self.given = self.law.begin_step(self.at_rest())
 
-    def begin(self, adrift: float = ADRIFT, keeps: bool = False) -> None:
+    def begin(self, adrift: float | Array = ADRIFT, keeps: bool = False) -> None:
         """Start a load step: pairs that opened and closed by turns get another chance."""
-        self.own.closings[:], self._adrift, self.asked, self.keeps = 0, adrift, 0, keeps
-        self.pulled, self.grazes = np.zeros(len(self.nodes.kappa), dtype=bool), 0.0
+        self.own.closings[:], self.asked, self.keeps = 0, 0, keeps
+        self.adrift, self.grazes = adrift * np.ones(len(self.nodes.kappa)), 0.0
+        self.pulled = np.zeros(len(self.nodes.kappa), dtype=bool)
         self.touch(self.own.active)
 
     def restore(self, state: ContactState) -> None:
@@ -157,9 +159,9 @@ class InterfaceState:
         self.held = self.nodes.reach(self.own.holds) | holds
         self.own.active = active = active | self.held
         self.anchored = self.nodes.anchored(self.tied)
-        told = (
-            self.tied, active, self.pulled, self.anchored, self._adrift, self.own.ties is not None
-        )  # fmt: skip
+        least, chosen = self.adrift * self.shares, self.own.ties is not None
+        self.still, self.at_supports = at_supports(self.nodes, self.tied, least)
+        told = self.tied, active, self.pulled, self.anchored, self.adrift, self.still, chosen
         if not np.array_equal(np.hstack(told), self._touching):
             self._touching, self.touched = np.hstack(told), self.touched + 1
             if self.shares:
@@ -279,5 +281,4 @@ class InterfaceState:
         """(n c,) rows in contact that have friction."""
         holding = self.nodes.holding(self.own.active)
         rows = self.closed_rows().reshape(self.nodes.rows.shape) & holding[:, None]
-        rows[:, -1] = False
-        return rows.ravel() & bool(self.nodes.kappa.size)
+        return (rows & ~np.eye(rows.shape[1], dtype=bool)[-1]).ravel() & bool(self.nodes.kappa.size)

@@ -13,6 +13,7 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.contact.equations.at_supports import with_supports
 from dolfinx_llm.contact.equations.equations import Equations
 from dolfinx_llm.contact.equations.state import BY_TURNS, GONE, InterfaceState
 from dolfinx_llm.laws.rows import SLIP, STICK
@@ -25,6 +26,7 @@ TOUCHES = 1e-2  # of the interface's largest force: pairs touch that less than t
 UNTIED = 5e-2  # the same of pairs that ``ties`` left out, for which those next to them bear it
 AGAINST = 3.0  # times all forces that pass, of friction that cancels at the frame's nodes
 BEARS = 1e-6  # of the largest force: with less friction it does not matter whether a pair touches
+LED_MISS = 1e-9  # of the largest force, that nodes may miss which balance in sums
 BORNE = 2e-2  # of the normal force, friction of open pairs that keep their ties
 
 
@@ -40,28 +42,30 @@ def lost(s: InterfaceState, multiplier: Array) -> float:
     return float(np.abs(force[loose]).sum() / max(np.abs(force).sum(), 1e-300))
 
 
-def release(equations: Equations, multiplier: Array, allowed: float) -> bool:
-    """Whether frame nodes that have balanced in sums miss it; from then on in this load step each
-    balances on its own.
+def release(equations: Equations, multiplier: Array, w: Array) -> bool:
+    """Whether frame nodes that have balanced in sums miss it; from then on in this load step these
+    balance on their own.
 
     Args:
         equations: of the laws.
-        multiplier: λ (n,) [force].
-        allowed: what may be missed [force].
+        multiplier, w: λ (n,) [force] and w (m,) [length].
     """
-    missed = np.abs(equations.L_t @ multiplier - equations.loads).max(initial=0.0)
-    return bool(missed > allowed) and any([_balance_alone(s) for s in equations.states])
+    forces = equations.L_t @ with_supports(equations, multiplier, w)
+    missed = np.abs(forces - equations.loads) > LED_MISS * np.abs(multiplier).max(initial=0.0)
+    return any([_balance_alone(s, missed[s.nodes.v]) for s in equations.states])
 
 
-def _balance_alone(s: InterfaceState) -> bool:
-    """Each frame node of an interface balances on its own; True: some did not.
+def _balance_alone(s: InterfaceState, missed: Array) -> bool:
+    """Frame nodes of an interface that miss their balance, (k d,) by components, balance on their
+    own; True: some had not.
 
     Pairs that opened and closed by turns have their friction again: where one alone presses a
     node, nothing else could balance the friction of others there.
     """
-    if led := bool(s.others.frame_relative.nnz):
-        known = s.own.closings.copy()
-        s.begin(0.0, s.keeps)
+    missed = missed & (np.diff(s.others.frame_relative.indptr) > 0)
+    if led := bool(missed.any()):
+        alone, known = missed.reshape(len(s.adrift), -1).any(axis=1), s.own.closings.copy()
+        s.begin(np.where(alone, 0.0, s.adrift), s.keeps)
         if s.keeps:
             s.own.closings = np.where(known < GONE, known, 0)
             s.touch(s.own.active)

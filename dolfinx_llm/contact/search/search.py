@@ -212,7 +212,7 @@ class Search:
         """Whether something is let go, or tied, that rests, or nearly so, and is not as it should
         be."""
         equations, felt = self._equations, ENOUGH * now.largest
-        released = (rests or self._calm > 1) and release(equations, now.multiplier, felt)
+        released = (rests or self._calm > 1) and release(equations, now.multiplier, now.w)
         released |= tie_more(self._states, now.borne, now.miss)
         if not rests or released:
             return released
