@@ -3,11 +3,12 @@ symmetry.
 
 Rows there tell nothing but how supports share friction, if both sides move alike. Designed rows do
 not even say that: they reach to frame nodes beyond, and would hold these. So they are left out for
-as long as what is prescribed does not slip, but one of each side at frame nodes that hardly any
-other rows hold: by corrections alone they would drift. Where it slips all but one for each frame
-node are left out. So along curved surfaces of second order, where frame nodes on the plane would
-else be free along the surface, and thus across it where normals differ: rows at supports are not
-designed there.
+as long as what is prescribed does not slip. With friction one for each frame node next to them
+holds it, ``pins``, as the mirrored half of the bodies would (``contact/equations/at_supports``);
+without, one of each side stays at frame nodes that hardly any other rows hold: by corrections alone
+they would drift. Where it slips all but one for each frame node are left out. So along curved
+surfaces of second order, where frame nodes on the plane would else be free along the surface, and
+thus across it where normals differ: rows at supports are not designed there.
 """
 
 from __future__ import annotations
@@ -98,6 +99,7 @@ class BothSides:
     held: Array  # (n c,) tangential rows that supports prescribe on both sides
     spare: Array  # (n c,) those of nodes that are not the one next to a frame node
     lone: Array  # (n c,) those of nodes next to frame nodes that hardly any other rows hold
+    pins: Array  # (n c,) with friction, of each frame node next to them the one next to it
 
     @classmethod
     def of(
@@ -131,9 +133,11 @@ class BothSides:
             spare, held = spare & carries, np.where(carries, spare, held)
         elif geometry.bent:
             held = spare
-        lone = np.zeros_like(held)
-        if law.slips and not (law.gives or carried):
-            N = vstack(geometry.law_shapes).tocsr()
+        lone, pins = np.zeros((2, *held.shape), dtype=bool)
+        N = vstack(geometry.law_shapes).tocsr()
+        if law.slips and law.shares and not (law.gives or carried or geometry.bent):
+            pins = np.stack([_next_to_nodes(N, a, MOSTLY) for a in held.T], axis=1)
+        elif law.slips and not (law.gives or carried):
             others = np.asarray(N[~soft.all(axis=1)].power(2).sum(axis=0))
             weak = (others > HELD_STILL**2) & (others < HELD_BY_OTHERS)  # else it stays at rest
             next_to = N.multiply(weak).max(axis=1).toarray()[:, 0] > MOSTLY
@@ -147,11 +151,12 @@ class BothSides:
             held.ravel(),
             spare.ravel(),
             lone.ravel(),
+            pins.ravel(),
         )
 
     def rest(self, motions: Sequence[Array]) -> tuple[Array, Array]:
-        """(n c,) such rows along which neither side slips, and those that are spare; and rows of
-        the first kind that hold frame nodes which nothing else does, and are to stay.
+        """(n c,) such rows along which neither side slips, and those that are spare, but for those
+        by which frame nodes without friction are held that nothing else holds; and the pins.
 
         Args:
             motions: per side (n_i, gdim) prescribed displacements, 0 where none is [length].
@@ -162,7 +167,7 @@ class BothSides:
         ]
         most = HELD_STILL * max(np.abs(u).max(initial=0.0) for u in motions)
         rests = self.held & (np.abs(np.concatenate(slips).ravel()) <= most)
-        return self.spare | (rests & ~self.lone), rests & self.lone
+        return self.spare | (rests & ~self.lone), rests & self.pins
 
 
 def _next_to_nodes(N: csr_matrix, among: Array, least: float) -> Array:

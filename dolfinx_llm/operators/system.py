@@ -69,7 +69,7 @@ class ContactOperators:
         held: (n,) rows at dofs that are prescribed.
         free: (n, gdim) base vectors at dofs that are not.
         interfaces_at: (n,) to how many interfaces, and pieces of one, each row's node belongs.
-        idle, lone: (n,) rows where supports hold both sides, left out too; those of them that stay.
+        idle, pins: (n,) rows where supports hold both sides, left out too; those that hold frames.
         redundant: (n,) rows of ties that follow from others, or nearly, at prescribed dofs and
             where several interfaces meet; they are left out of what is solved.
         bodies: connected bodies and their rigid motions.
@@ -144,7 +144,7 @@ class ContactOperators:
         sides = zip(self.geometries, self.places, strict=True)
         own = [free_parts(free[place.rows], g.pairs[0].base.shape[1]) for g, place in sides]
         self.soft = np.concatenate(own) < NEARLY_FIXED
-        ties, self.redundant, self.loops, self.idle, self.lone = np.zeros((5, len(self.held)), bool)
+        ties, self.redundant, self.loops, self.idle, self.pins = np.zeros((5, len(self.held)), bool)
         for geometry, place in zip(self.geometries, self.places, strict=True):
             ties[place.rows] = geometry.interface.law.ties
         shared = self.held | (self.interfaces_at > 1)
@@ -238,7 +238,7 @@ class ContactOperators:
         for both in self._both:
             given = np.where(self.dofs.fixed, prescribed, 0.0)
             rest = both.rest([self.motion(side, given) for side in both.sides])
-            self.idle[both.rows], self.lone[both.rows] = rest
+            self.idle[both.rows], self.pins[both.rows] = rest
         at = self.rows.dofs[mine] - self.dofs.first
         known = np.where(self.dofs.fixed[at], prescribed[at], 0.0)
         return self.row_gaps(motions)[mine] + np.einsum("ni,ni->n", self.rows.base[mine], known)

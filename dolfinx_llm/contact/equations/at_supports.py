@@ -1,10 +1,11 @@
-"""Frames at supports that hold both sides along them, as planes of symmetry across.
+"""Frames with friction at supports that hold both sides along them, as across planes of symmetry.
 
-Rows there are left out (``operators/both_sides``), since others hold the frame. Where contact has
-parted at these, a node of the frame is free across the plane but for small entries of corrected
-rows: it went hundreds of times as far as the bodies to balance the friction of these, a little
-farther in each iteration. The rows that are left out hold it then, and supports bear that friction,
-as the mirrored half of the bodies would. They do not see jumps, and are no friction.
+Of the whole of a symmetric scene frame nodes stay on the plane: what pairs of one half ask of them
+across it, those of the other half take. Of a half, rows on the plane are left out; frame nodes that
+balanced what pairs ask moved across it, by hundreds of times as far as the bodies where contact had
+parted at others that held them, and friction was off by up to 0.02 of the largest force. One of the
+rows left out (``operators/both_sides``) holds each frame node there, by a spring; supports bear
+what it carries. It does not see jumps, and is no friction.
 """
 
 from __future__ import annotations
@@ -20,29 +21,25 @@ from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.contact.equations.friction_nodes import FrictionNodes
 from dolfinx_llm.operators.both_sides import MOSTLY
 
+PINNED = 1e3  # times the surfaces' stiffness: more would make rounding of motions felt
+
 if TYPE_CHECKING:
     from dolfinx_llm.contact.equations.equations import Equations
     from dolfinx_llm.contact.equations.state import InterfaceState
 
 
-def at_supports(nodes: FrictionNodes, tied: Array, least: Array) -> tuple[Array, Array]:
-    """(m d,) motions of the frame along the surface that others hold by less than ``least``, and
-    the rows left out (n c,) next to it that hold these.
+def at_supports(nodes: FrictionNodes) -> tuple[Array, Array]:
+    """(m d,) motions of the frame along the surface that supports hold, and the rows (n c,) by
+    which they do.
 
     Args:
         nodes: of an interface.
-        tied: (n,) pairs that follow the frame.
-        least: (k,) sum of N²; 0: they tell nothing.
     """
-    idle = nodes.operators.idle[nodes.rows]
-    if not (idle.any() and least.any()):
-        return np.zeros(len(nodes.v), dtype=bool), np.zeros(idle.size, dtype=bool)
-    squares = abs(vstack(nodes.N)).power(2).tocsr()
-    near = (squares > MOSTLY**2).astype(float)
-    held = squares.T @ (nodes.kept.reshape(idle.shape) & tied[:, None]).astype(float)
-    told = (held < least[:, None]) & (near.T @ idle > 0.0)
-    told[:, -1] = False
-    return told.ravel(), (idle & (near @ told.astype(float) > 0.0)).ravel()
+    pins = nodes.operators.pins[nodes.rows]
+    if not pins.any():
+        return np.zeros(len(nodes.v), dtype=bool), pins.ravel()
+    near = abs(vstack(nodes.N)) > MOSTLY
+    return np.asarray(near.T @ pins.astype(float)).ravel() > 0.0, pins.ravel()
 
 
 def holding(states: Sequence[InterfaceState], forces: csr_matrix, scale: float) -> csr_matrix:
@@ -55,7 +52,7 @@ def holding(states: Sequence[InterfaceState], forces: csr_matrix, scale: float) 
         scale: that stiffness [force / length].
     """
     rows = np.concatenate([s.at_supports for s in states]).astype(float)
-    return -scale * forces @ diagonal(rows)
+    return -PINNED * scale * forces @ diagonal(rows)
 
 
 def with_supports(equations: Equations, multiplier: Array, w: Array) -> Array:
@@ -69,4 +66,4 @@ def with_supports(equations: Equations, multiplier: Array, w: Array) -> Array:
     if not rows.any():
         return multiplier
     opening = equations.L[:, :n_v] @ w[:n_v] - equations.g
-    return multiplier - equations.scale * rows * opening
+    return multiplier - PINNED * equations.scale * rows * opening

@@ -30,7 +30,6 @@ from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import OPEN, at_positions
 from dolfinx_llm.operators.assemble import interface_operator
-from dolfinx_llm.operators.both_sides import MOSTLY
 from dolfinx_llm.operators.numbering import Place
 from dolfinx_llm.operators.stiffness import in_series
 from dolfinx_llm.operators.system import ContactOperators
@@ -90,15 +89,6 @@ class FrictionNodes:
     def seen(self) -> Array:
         """(k,) nodes along whose jumps rows act that are not left out."""
         return self.reached(self.kept.reshape(self.rows.shape)[:, :-1].any(axis=1))
-
-    def anchored(self, tied: Array) -> Array:
-        """(k,) by how many sides supports at rest alone hold nodes along the surface, through pairs
-        (n,) that follow it."""
-        alone = self.operators.lone[self.rows].any(axis=1)
-        if not (alone & tied).any():
-            return np.zeros(len(self.kappa), dtype=int)
-        held = [N.max(axis=0).toarray()[0] > MOSTLY for N in self.of(alone & tied)]
-        return np.sum(held, axis=0, dtype=int)
 
     @property
     def carries(self) -> Array:

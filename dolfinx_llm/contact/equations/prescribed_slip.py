@@ -30,13 +30,12 @@ def told(
         w: (m,) frame and slip unknowns [length].
         c: stiffness of the surfaces [force / length].
     """
-    at, alone = s.at(multiplier, w, c), s.anchored > 1
-    if not s.law.slips or s.law.gives or not (s.nodes.led | alone).any():
+    at = s.at(multiplier, w, c)
+    if not s.law.slips or s.law.gives or not s.nodes.led.any():
         return at, np.zeros(len(at.x), dtype=bool)
     slip = np.linalg.norm(at.slip, axis=1)
     rests = s.nodes.led & (slip <= UNMOVED * np.abs(w).max(initial=0.0))
     force = np.where(rests[:, None], s.at(start, w, c).force, at.force)
-    rests, force = rests | alone, np.where(alone[:, None], 0.0, force)
     jump = np.where(rests[:, None], at.before, at.jump)
     return replace(at, force=force, jump=jump), rests
 
@@ -50,7 +49,7 @@ def rows_of(s: InterfaceState, multiplier: Array, start: Array, w: Array, c: flo
         return rows
     # Nothing in contact reaches them: no force would tell their slip.
     reached = s.nodes.reached(s.own.active).astype(float)
-    idle = (s.nodes.led & ~(s.others.sums @ reached > 0.0)) | (s.anchored > 1)
+    idle = s.nodes.led & ~(s.others.sums @ reached > 0.0)
     return _at_rest(rows, rests, idle, at.force)
 
 

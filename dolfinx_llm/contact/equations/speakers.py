@@ -133,7 +133,6 @@ class Followers:
         tied: Array,
         active: Array,
         pulled: Array,
-        anchored: Array,
         adrift: Array,
         still: Array,
         chosen: bool,
@@ -145,27 +144,24 @@ class Followers:
             tied: (n,) pairs that follow the frame tangentially.
             active: (n,) pairs in contact.
             pulled: (k,) nodes that corrected rows pull at.
-            anchored: (k,) by how many sides supports alone hold nodes.
             adrift: (k,) sum of N² of the pairs tied below which a node also moves with its speaker.
             still: (m d,) motions of the frame that supports tell.
             chosen: ties are, and stay while pairs at the rim come and go: these tell no neighbours.
         """
         k, t = nodes.kappa.shape
-        # Supports of both sides leave no friction; those of one hold no slip.
-        told, apart = (diagonal((anchored < sides).astype(float)) for sides in (1, 2))
-        follows = [N @ told for N in nodes.of(tied)]
+        follows = nodes.of(tied)
         near, least = (np.ones_like(active), BY_LITTLE) if chosen else (active | tied, HELD)
-        asks = asked(follows, [N @ apart for N in nodes.of(near)], pulled, least)
+        asks = asked(follows, nodes.of(near), pulled, least)
         parts = speakers(asks)
         speaker = np.asarray(parts.argmax(axis=1)).ravel()
-        free = unheld(follows, parts) & (anchored < 2)
+        free = unheld(follows, parts)
         if np.array_equal(speaker, np.arange(k)):
             return replace(Followers.none(nodes), unheld=free)
         alike = kron(parts, identity(t), format="csr")  # in a plane all tangents are the same
         weak = np.repeat(speaker != np.arange(k), t).astype(float)
         relative = identity(k * t, format="csr") - diagonal(weak) @ alike
         held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
-        led = (held < adrift) & (anchored == 0) & (speaker != np.arange(k))
+        led = (held < adrift) & (speaker != np.arange(k))
         carried = _carried(led, still, parts, t + 1)
         sums = parts.T.tocsr()
         return Followers(speaker, sums, free, alike.T.tocsr(), relative, *carried)

@@ -104,7 +104,6 @@ class InterfaceState:
         grazes: friction of open pairs, over the normal force.
         pulled: (k,) nodes that corrected rows pull at: they slip as another does.
         still, at_supports: (m d,) motions of the frame that supports tell; (n c,) by which rows.
-        anchored: (k,) by how many sides supports alone hold nodes; by two: without friction.
     """
 
     def __init__(self, nodes: FrictionNodes) -> None:
@@ -146,6 +145,7 @@ class InterfaceState:
         self.own.closings[:], self.asked, self.keeps = 0, 0, keeps
         self.adrift, self.grazes = adrift * np.ones(len(self.nodes.kappa)), 0.0
         self.pulled = np.zeros(len(self.nodes.kappa), dtype=bool)
+        self.still, self.at_supports = at_supports(self.nodes)
         self.touch(self.own.active)
 
     def restore(self, state: ContactState) -> None:
@@ -158,10 +158,8 @@ class InterfaceState:
         holds = self.stays | self.clamped | self.nodes.geometry.prescribed
         self.held = self.nodes.reach(self.own.holds) | holds
         self.own.active = active = active | self.held
-        self.anchored = self.nodes.anchored(self.tied)
-        least, chosen = self.adrift * self.shares, self.own.ties is not None
-        self.still, self.at_supports = at_supports(self.nodes, self.tied, least)
-        told = self.tied, active, self.pulled, self.anchored, self.adrift, self.still, chosen
+        chosen = self.own.ties is not None
+        told = self.tied, active, self.pulled, self.adrift, self.still, chosen
         if not np.array_equal(np.hstack(told), self._touching):
             self._touching, self.touched = np.hstack(told), self.touched + 1
             if self.shares:
