@@ -87,3 +87,5 @@ def test_forces_of_the_whole(gdim, cells, width, mu, degree, solver):
         assert np.abs(off).max() <= 1e-5 * largest
     push = sum(s.force.sum(axis=0) for s in part.sides)
     assert np.abs(push).max() <= 1e-9 * largest
+    friction = np.linalg.norm(part.frame_friction, axis=1)
+    assert (friction - mu * part.frame_force).max() <= 1e-9 * largest

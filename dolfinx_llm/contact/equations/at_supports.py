@@ -5,7 +5,8 @@ across it, those of the other half take. Of a half, rows on the plane are left o
 balanced what pairs ask moved across it, by hundreds of times as far as the bodies where contact had
 parted at others that held them, and friction was off by up to 0.02 of the largest force. One of the
 rows left out (``operators/both_sides``) holds each frame node there, by a spring; supports bear
-what it carries. It does not see jumps, and is no friction.
+what it carries. It does not see jumps, and is no friction; friction across the plane that pairs of
+the half itself ask for counts as such at nodes on it.
 """
 
 from __future__ import annotations
@@ -42,6 +43,16 @@ def at_supports(nodes: FrictionNodes) -> tuple[Array, Array]:
     return np.asarray(near.T @ pins.astype(float)).ravel() > 0.0, pins.ravel()
 
 
+def borne(s: InterfaceState, opening: Array) -> Array:
+    """(n c,) forces of such rows [force].
+
+    Args:
+        s: the interface.
+        opening: (n c,) by how much the frame has left them [length].
+    """
+    return -PINNED * s.nodes.operators.scale * s.at_supports * opening
+
+
 def holding(states: Sequence[InterfaceState], forces: csr_matrix, scale: float) -> csr_matrix:
     """(n_v, n) what such rows are to the frames, by their gaps, as springs of the surfaces'
     stiffness [force / length].
@@ -62,8 +73,9 @@ def with_supports(equations: Equations, multiplier: Array, w: Array) -> Array:
         equations: of the laws.
         multiplier, w: λ (n,) [force] and w (m,) [length].
     """
-    rows, n_v = np.concatenate([s.at_supports for s in equations.states]), equations.n_v
-    if not rows.any():
+    if not any(s.at_supports.any() for s in equations.states):
         return multiplier
+    n_v = equations.n_v
     opening = equations.L[:, :n_v] @ w[:n_v] - equations.g
-    return multiplier - PINNED * equations.scale * rows * opening
+    forces = [borne(s, opening[s.nodes.rows.ravel()]) for s in equations.states]
+    return multiplier + np.concatenate(forces)

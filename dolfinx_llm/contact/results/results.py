@@ -12,6 +12,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import told
 from dolfinx_llm.base.sparse import diagonal
+from dolfinx_llm.contact.equations.at_supports import borne
 from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.contact.results.carried_frame import (
     at_carried_frame,
@@ -23,6 +24,7 @@ from dolfinx_llm.contact.results.sides import (
     SideResult,
     between_bodies,
     known_slips,
+    less,
     nodal_sides,
     side_result,
 )
@@ -36,6 +38,7 @@ from dolfinx_llm.interface.forces import InterfaceForces, per_area
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.join import Certificate
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
+from dolfinx_llm.operators.assemble import in_rows
 from dolfinx_llm.operators.system import ContactOperators
 
 THIN = 1e-6  # of a surface's extent: what is as thin has no slopes across it
@@ -125,6 +128,10 @@ def collect_results(
             nodal = halved_slips(geometry, nodal)
         if geometry.interface.law.slips:
             nodal = known_slips(geometry, nodal, operators.idle[place.rows])
+        if state.at_supports.any():
+            opening = operators.blocks[i] @ w[place.frame]
+            opening -= in_rows(geometry.pairs, [a + b for a, b in zip(moved, gaps[place.sides])])
+            sides = less(sides, geometry.pairs, borne(state, opening))
         found = _interface_result(geometry, sides, nodal, v, state, shares)
         results.append(replace(found, rotation=geometry.rotation(w[place.frame])))
     return told(operators.comm, deepcopy(results))  # their arrays are the user's

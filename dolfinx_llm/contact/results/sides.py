@@ -94,6 +94,17 @@ def side_result(
     )
 
 
+def less(
+    sides: Sequence[SideResult], pairs: Sequence[ContactPairs], forces: Array
+) -> list[SideResult]:
+    """The sides without some forces (n c,) of their rows."""
+    each = np.split(forces.reshape(-1, pairs[0].base.shape[1]), [len(pairs[0].nodes)])
+    return [
+        replace(s, force=s.force - np.einsum("nc,nci->ni", own, p.base))
+        for s, p, own in zip(sides, pairs, each, strict=False)
+    ]
+
+
 def between_bodies(
     geometry: InterfaceGeometry, sides: list[SideResult], scale: float, held: Array
 ) -> list[SideResult]:
