@@ -6,7 +6,8 @@ warnings and ``DEBUG`` come from all. Records carry their rank as ``%(rank)d``.
 """
 
 import logging
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from mpi4py import MPI
@@ -28,6 +29,25 @@ class RankFilter(logging.Filter):
 
 
 log.addFilter(RankFilter())
+
+
+def warn(comm: MPI.Comm, told: Sequence[str], before: Sequence[str]) -> None:
+    """Log what is told of a load step as warnings, and at level INFO what was told of the last one
+    as well, with whatever numbers, as of a clearance that has not closed yet.
+
+    Args:
+        comm: of the bodies; its first rank tells.
+        told, before: of this load step and the last, "what: words".
+    """
+    known = {_without_numbers(words) for words in before}
+    for words in told if comm.rank == 0 else ():
+        log.log(logging.INFO if _without_numbers(words) in known else logging.WARNING, words)
+
+
+def _without_numbers(words: str) -> str:
+    """Words with the numbers after their head left out."""
+    head, colon, rest = words.partition(": ")
+    return head + colon + re.sub(r"[-+]?[\d.]+(e[-+]?\d+)?", "", rest)
 
 
 def progress(steps: Iterable[Any] | None, stage: str) -> tqdm:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.base.log import log, warn
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.limit_analysis import unbalanced
 from dolfinx_llm.contact.neutral import neutral
@@ -29,8 +29,6 @@ from dolfinx_llm.forms.verdict import (
 )
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.support import least_squares
-
-log = logging.getLogger("dolfinx_llm")
 
 AT_STAKE = 1e-12  # of contact forces: rounding of stiffness times displacement that may matter
 SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
@@ -165,9 +163,9 @@ def _judged(iteration: ContactIteration, found: StepResult, f: Array, g: Array) 
     iteration.felt, felt = felt, felt / most if most > iteration.rounded else 0.0
     drift = operators.floating.drift(equations.L, equations.n_v, equations.closed_rows())
     left_open = neutral(equations, operators.floating, multiplier)
+    said = iteration.verdict.lost
     iteration.verdict = replace(verdict, felt=felt, drift=drift, neutral=left_open)
-    for words in iteration.verdict.lost if operators.comm.rank == 0 else []:
-        log.warning(words)
+    warn(operators.comm, iteration.verdict.lost, said)
     return u
 
 

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.disposable import Destroyed, Remains, free_garbage
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.base.log import log
+from dolfinx_llm.base.log import warn
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.results.doubts import doubts
@@ -189,9 +189,7 @@ class ContactProblem(Remembering, Following, Differentiable, Pictured, SavedCont
                 self.results = collect_results(self.operators, u, multiplier, w, method.states)
             # On all ranks: it may raise.
             self._doubts = doubts(self.geometries, self.results, method.iteration, method.in_time)
-            for warning in self._doubts:
-                if self.comm.rank == 0:
-                    log.warning(warning)
+            warn(self.comm, self._doubts, before[1][2])
             self._u = self.bulk.functions(u)
             goes_back = bool(memory.state)
             memory.found()
