@@ -107,11 +107,16 @@ def test_friction_across_planes_of_symmetry():
             result = problem.results[0]
             assert len(problem.history) <= most
             assert np.abs(result.frame.v[:, :2]).max() <= 1e3 * down  # along the surface
+            friction = np.linalg.norm(result.frame_friction, axis=1)
+            most_pressed = result.frame_force.max()
+            assert (friction - 0.2 * result.frame_force).max() <= 1e-6 * most_pressed
             push = sum(s.force.sum(axis=0) for s in result.sides)
             assert np.abs(push).max() <= 1e-8 * result.sides[0].force.sum(axis=0)[2]
             sides = np.concatenate([s.normal_force for s in result.sides])
             forces.setdefault(solver, []).append(sides)
         problem.destroy()
+    # Which nodes at the rim slip as others do follows from pairs that hardly press: forms differ by
+    # up to 5e-8, with the mesh of gmsh 4.15 by 4e-5.
     for one, other in zip(*forces.values(), strict=True):
         assert min(one.min(), other.min()) >= -1e-9 * one.max()
-        assert np.abs(one - other).max() <= 1e-6 * one.max()
+        assert np.abs(one - other).max() <= 1e-4 * one.max()

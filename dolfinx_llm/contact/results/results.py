@@ -131,6 +131,9 @@ def collect_results(
         if state.at_supports.any():
             opening = operators.blocks[i] @ w[place.frame]
             opening -= in_rows(geometry.pairs, [a + b for a, b in zip(moved, gaps[place.sides])])
+            # Of a row that leans out of the plane supports prescribe a part alone.
+            each = np.repeat(np.concatenate(moved), geometry.pairs[0].base.shape[1], axis=0)
+            opening += np.einsum("ni,ni->n", operators.free[place.rows], each)
             sides = less(sides, geometry.pairs, borne(state, opening))
         found = _interface_result(geometry, sides, nodal, v, state, shares)
         results.append(replace(found, rotation=geometry.rotation(w[place.frame])))
