@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -178,6 +179,7 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
             poses = tuple(pose_of(c) for c in equations.interfaces)
         given = increments, pressures.tolist(), [pose.tolist() for pose in poses]
         agree(self.comm, "increments, pressures and obstacles", given)
+        self._state = _from_u(self._state, self.bulk, bool(self.results))
         values = self.bulk.values()
         start, results = self._state, self.results
         memory.begins(INSTANT)
@@ -224,3 +226,23 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         of = zip(self.interfaces, self._newton.equations.interfaces, strict=True)
         lines += [anatomy(interface, placed) for interface, placed in of]
         return "\n".join(lines)
+
+
+def _from_u(state: NewtonState, bulk: NonlinearBulk, known: bool) -> NewtonState:
+    """The state from which a load step starts: before the first one with u as it stands; later on,
+    as ``known``, it is what has been found. Steps in time have a u of their own.
+
+    Raises:
+        ContactInputError: u has been changed by hand since the last load step.
+    """
+    now, free = bulk.now(), ~bulk.dofs.fixed
+    changed = bulk.dofs.comm.allreduce(int(((now != state.u) & free).sum()))
+    if not changed or bulk.in_time:
+        return state
+    if known:
+        raise ContactInputError(
+            f"u has been changed at {changed} dof(s) since the last load step, from which the "
+            "next one goes on: leave it as it is, or call reset(), which starts from u as it "
+            "stands, without contact forces"
+        )
+    return replace(state, u=np.where(free, now, state.u))

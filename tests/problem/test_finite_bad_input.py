@@ -120,6 +120,22 @@ def test_what_was_reached_is_kept(monkeypatch):
     assert result.sides[1].u[:, 1].min() >= down and (result.sides[1].status > 0).any()
 
 
+def test_u_changed_by_hand():
+    """Before the first load step it is where that starts; later on it was not read, without a word,
+    and is an error."""
+    known = Punch("quad").to(down=0.05).resultant
+    punch = Punch("quad")
+    free = punch.u[0].x.array
+    free[:] = 1e-3 * np.sin(np.arange(len(free)))
+    assert np.allclose(punch.to(down=0.05).resultant, known, rtol=1e-8, atol=1e-8 * abs(known[-1]))
+    found = free.copy()
+    free[:] *= 1.1
+    with pytest.raises(llm.ContactInputError, match=r"changed at \d+ dof.s. since .* reset"):
+        punch.to(down=0.06)
+    free[:] = found
+    assert abs(punch.to(down=0.06).resultant[-1]) > abs(known[-1])
+
+
 @pytest.mark.parametrize(
     ("scene", "pattern"),
     [
