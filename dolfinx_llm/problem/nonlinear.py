@@ -235,9 +235,11 @@ def _from_u(state: NewtonState, bulk: NonlinearBulk, known: bool) -> NewtonState
     Raises:
         ContactInputError: u has been changed by hand since the last load step.
     """
+    if bulk.in_time:
+        return state
     now, free = bulk.now(), ~bulk.dofs.fixed
     changed = bulk.dofs.comm.allreduce(int(((now != state.u) & free).sum()))
-    if not changed or bulk.in_time:
+    if not changed:
         return state
     if known:
         raise ContactInputError(

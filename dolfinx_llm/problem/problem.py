@@ -179,9 +179,9 @@ class ContactProblem(Remembering, Following, Differentiable, Pictured, SavedCont
         self.update()
         with self.times.timed("assembly of f"):
             f = self.bulk.load()
-        method, goes_back = self.method, True
+        method, said, goes_back = self.method, self._doubts, True
         method.prepare()
-        before = method.snapshot(), (self.history, self.results, self._doubts, self._u)
+        before = method.snapshot(), (self.history, self.results, said, self._u)
         try:
             u, multiplier, w = method.solve(f, increments)
             self.history = method.history
@@ -189,7 +189,7 @@ class ContactProblem(Remembering, Following, Differentiable, Pictured, SavedCont
                 self.results = collect_results(self.operators, u, multiplier, w, method.states)
             # On all ranks: it may raise.
             self._doubts = doubts(self.geometries, self.results, method.iteration, method.in_time)
-            warn(self.comm, self._doubts, before[1][2])
+            warn(self.comm, self._doubts, said)
             self._u = self.bulk.functions(u)
             goes_back = bool(memory.state)
             memory.found()

@@ -22,11 +22,11 @@ from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.contact.equations.friction_nodes import FrictionNodes
 from dolfinx_llm.operators.both_sides import MOSTLY
 
-PINNED = 1e3  # times the surfaces' stiffness: more would make rounding of motions felt
-
 if TYPE_CHECKING:
     from dolfinx_llm.contact.equations.equations import Equations
     from dolfinx_llm.contact.equations.state import InterfaceState
+
+PINNED = 1e3  # times the surfaces' stiffness: more would make rounding of motions felt
 
 
 def at_supports(nodes: FrictionNodes) -> tuple[Array, Array]:
@@ -41,16 +41,6 @@ def at_supports(nodes: FrictionNodes) -> tuple[Array, Array]:
         return np.zeros(len(nodes.v), dtype=bool), pins.ravel()
     near = abs(vstack(nodes.N)) > MOSTLY
     return np.asarray(near.T @ pins.astype(float)).ravel() > 0.0, pins.ravel()
-
-
-def borne(s: InterfaceState, opening: Array) -> Array:
-    """(n c,) forces of such rows [force].
-
-    Args:
-        s: the interface.
-        opening: (n c,) by how much the frame has left them [length].
-    """
-    return -PINNED * s.nodes.operators.scale * s.at_supports * opening
 
 
 def holding(states: Sequence[InterfaceState], forces: csr_matrix, scale: float) -> csr_matrix:
@@ -73,9 +63,8 @@ def with_supports(equations: Equations, multiplier: Array, w: Array) -> Array:
         equations: of the laws.
         multiplier, w: λ (n,) [force] and w (m,) [length].
     """
-    if not any(s.at_supports.any() for s in equations.states):
+    rows, n_v = np.concatenate([s.at_supports for s in equations.states]), equations.n_v
+    if not rows.any():
         return multiplier
-    n_v = equations.n_v
     opening = equations.L[:, :n_v] @ w[:n_v] - equations.g
-    forces = [borne(s, opening[s.nodes.rows.ravel()]) for s in equations.states]
-    return multiplier + np.concatenate(forces)
+    return multiplier - PINNED * equations.scale * rows * opening

@@ -12,7 +12,6 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import told
 from dolfinx_llm.base.sparse import diagonal
-from dolfinx_llm.contact.equations.at_supports import borne
 from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.contact.results.carried_frame import (
     at_carried_frame,
@@ -38,7 +37,6 @@ from dolfinx_llm.interface.forces import InterfaceForces, per_area
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.join import Certificate
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
-from dolfinx_llm.operators.assemble import in_rows
 from dolfinx_llm.operators.system import ContactOperators
 
 THIN = 1e-6  # of a surface's extent: what is as thin has no slopes across it
@@ -129,12 +127,8 @@ def collect_results(
         if geometry.interface.law.slips:
             nodal = known_slips(geometry, nodal, operators.idle[place.rows])
         if state.at_supports.any():
-            opening = operators.blocks[i] @ w[place.frame]
-            opening -= in_rows(geometry.pairs, [a + b for a, b in zip(moved, gaps[place.sides])])
-            # Of a row that leans out of the plane supports prescribe a part alone.
-            each = np.repeat(np.concatenate(moved), geometry.pairs[0].base.shape[1], axis=0)
-            opening += np.einsum("ni,ni->n", operators.free[place.rows], each)
-            sides = less(sides, geometry.pairs, borne(state, opening))
+            # Rows that are left out have no other forces.
+            sides = less(sides, geometry.pairs, state.at_supports * multiplier[place.rows])
         found = _interface_result(geometry, sides, nodal, v, state, shares)
         results.append(replace(found, rotation=geometry.rotation(w[place.frame])))
     return told(operators.comm, deepcopy(results))  # their arrays are the user's
