@@ -20,6 +20,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.sparse import diagonal, nearest
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.frictionless import FreeSlip
 from dolfinx_llm.operators.numbering import BodyDofs, Place
@@ -99,7 +100,7 @@ class BothSides:
     held: Array  # (n c,) tangential rows that supports prescribe on both sides
     spare: Array  # (n c,) those of nodes that are not the one next to a frame node
     lone: Array  # (n c,) those of nodes next to frame nodes that hardly any other rows hold
-    pins: Array  # (n c,) with friction, of each frame node next to them the one next to it
+    pins: Array  # (n c,) with friction, of each frame node next to them the one next to it, or two
 
     @classmethod
     def of(
@@ -134,14 +135,17 @@ class BothSides:
         elif geometry.bent:
             held = spare
         lone, pins = np.zeros((2, *held.shape), dtype=bool)
-        N = vstack(geometry.law_shapes).tocsr()
-        if law.slips and law.shares and not (law.gives or carried or geometry.bent):
-            pins = np.stack([_next_to_nodes(N, a, MOSTLY) for a in held.T], axis=1)
-        elif law.slips and not (law.gives or carried):
-            others = np.asarray(N[~soft.all(axis=1)].power(2).sum(axis=0))
-            weak = (others > HELD_STILL**2) & (others < HELD_BY_OTHERS)  # else it stays at rest
-            next_to = N.multiply(weak).max(axis=1).toarray()[:, 0] > MOSTLY
-            lone = held & (alone & next_to)[:, None]
+        if law.slips and not (law.gives or carried):
+            N = vstack(geometry.law_shapes).tocsr()
+            if law.shares:  # along curved surfaces the rows next to frame nodes stay
+                part = N.multiply(N > MOSTLY).T.tocsr()  # alike on both sides: one of each
+                near = [nearest(part @ diagonal(a)).getnnz(axis=0) > 0 for a in held.T]
+                pins = np.stack(near, axis=1) & (not geometry.bent)
+            else:
+                others = np.asarray(N[~soft.all(axis=1)].power(2).sum(axis=0))
+                weak = (others > HELD_STILL**2) & (others < HELD_BY_OTHERS)  # else it stays at rest
+                next_to = N.multiply(weak).max(axis=1).toarray()[:, 0] > MOSTLY
+                lone = held & (alone & next_to)[:, None]
         sides = range(place.sides.start, place.sides.stop)
         return cls(
             sides,
