@@ -11,7 +11,6 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress
 from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.contact.equations.at_supports import with_supports
 from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.load_steps import advance
@@ -167,7 +166,7 @@ class ContactMethod:
                 with _naming_tolerance(self.setting.options):
                     u, multiplier, v, began = advance(self.iteration, f, g, increments)
         self._last, self._began = (u, motions), began
-        multiplier = with_supports(self.iteration.equations, multiplier, self.iteration.w)
+        multiplier = self.iteration.equations.with_supports(multiplier, self.iteration.w)
         if operators.held.any() or (operators.interfaces_at > 1).any():
             friction = [(s.bearing_rows(), s.nodes.felt) for s in self.states]
             force = self.setting.bulk.force(u)

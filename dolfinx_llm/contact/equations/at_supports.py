@@ -11,9 +11,6 @@ the half itself ask for counts as such at nodes on it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
@@ -21,10 +18,6 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.contact.equations.friction_nodes import FrictionNodes
 from dolfinx_llm.operators.both_sides import MOSTLY
-
-if TYPE_CHECKING:
-    from dolfinx_llm.contact.equations.equations import Equations
-    from dolfinx_llm.contact.equations.state import InterfaceState
 
 PINNED = 1e3  # times the surfaces' stiffness: more would make rounding of motions felt
 
@@ -43,28 +36,23 @@ def at_supports(nodes: FrictionNodes) -> tuple[Array, Array]:
     return np.asarray(near.T @ pins.astype(float)).ravel() > 0.0, pins.ravel()
 
 
-def holding(states: Sequence[InterfaceState], forces: csr_matrix, scale: float) -> csr_matrix:
-    """(n_v, n) what such rows are to the frames, by their gaps, as springs of the surfaces'
-    stiffness [force / length].
+def holding(rows: Array, forces: csr_matrix, scale: float) -> csr_matrix:
+    """(n_v, n) what such rows are to the frames, by their gaps [force / length].
 
     Args:
-        states: of all interfaces.
+        rows: (n,) which rows.
         forces: (n_v, n) what forces of rows are to the frames.
-        scale: that stiffness [force / length].
+        scale: stiffness of the surfaces [force / length].
     """
-    rows = np.concatenate([s.at_supports for s in states]).astype(float)
-    return -PINNED * scale * forces @ diagonal(rows)
+    return -PINNED * scale * forces @ diagonal(rows.astype(float))
 
 
-def with_supports(equations: Equations, multiplier: Array, w: Array) -> Array:
-    """λ (n,) with the forces of such rows [force].
+def borne(rows: Array, opening: Array, scale: float) -> Array:
+    """(n,) what supports bear by such rows [force].
 
     Args:
-        equations: of the laws.
-        multiplier, w: λ (n,) [force] and w (m,) [length].
+        rows: (n,) which rows.
+        opening: (n,) by how much the frame has left them [length].
+        scale: stiffness of the surfaces [force / length].
     """
-    rows, n_v = np.concatenate([s.at_supports for s in equations.states]), equations.n_v
-    if not rows.any():
-        return multiplier
-    opening = equations.L[:, :n_v] @ w[:n_v] - equations.g
-    return multiplier - PINNED * equations.scale * rows * opening
+    return -PINNED * scale * rows * opening

@@ -19,7 +19,7 @@ from scipy.sparse import vstack as stack
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.sparse import beside, diagonal, per_item, picking, symmetric_factors
-from dolfinx_llm.contact.equations.at_supports import with_supports
+from dolfinx_llm.contact.equations.at_supports import borne
 from dolfinx_llm.contact.equations.clamped import ClampedRows
 from dolfinx_llm.contact.equations.friction_nodes import friction_nodes
 from dolfinx_llm.contact.equations.prescribed_slip import rows_of, told
@@ -210,10 +210,18 @@ class Equations:
         """By how much balance of the frames and the laws are missed, at most [force]."""
         return max(self.imbalance(multiplier, w), _law_miss(self, multiplier, w))
 
+    def with_supports(self, multiplier: Array, w: Array) -> Array:
+        """λ (n,) with what supports bear by rows that are left out, which hold frames [force]."""
+        rows = np.concatenate([s.at_supports for s in self.states])
+        if not rows.any():
+            return multiplier
+        opening = self.L[:, : self.n_v] @ w[: self.n_v] - self.g
+        return multiplier + borne(rows, opening, self.scale)
+
     def imbalance(self, multiplier: Array, w: Array) -> float:
         """Largest entry of L_bᵀ λ less its loads [force]; of nodes that follow others in the sum
         with theirs."""
-        forces = self.L_t @ with_supports(self, multiplier, w)
+        forces = self.L_t @ self.with_supports(multiplier, w)
         if not self.operators.tied:
             forces = self.frames.rows().gather @ forces
         return float(np.abs(forces - self.loads).max(initial=0.0))

@@ -132,7 +132,8 @@ class FrameRows:
         relative.resize(own.shape)
         slips = [SlipRows.of(s, n, P) for s in self._states]
         forces = gather @ self._L_t
-        pull = holding(self._states, forces, self._scale)
+        at_supports = np.concatenate([s.at_supports for s in self._states])
+        pull = holding(at_supports, forces, self._scale)
         holds = pull @ self._L_t.T
         holds.resize(own.shape)
         D = own + self._scale * relative + holds

@@ -13,7 +13,6 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.contact.equations.at_supports import with_supports
 from dolfinx_llm.contact.equations.equations import Equations
 from dolfinx_llm.contact.equations.state import BY_TURNS, GONE, InterfaceState
 from dolfinx_llm.laws.rows import SLIP, STICK
@@ -50,7 +49,7 @@ def release(equations: Equations, multiplier: Array, w: Array) -> bool:
         equations: of the laws.
         multiplier, w: λ (n,) [force] and w (m,) [length].
     """
-    forces = equations.L_t @ with_supports(equations, multiplier, w)
+    forces = equations.L_t @ equations.with_supports(multiplier, w)
     missed = np.abs(forces - equations.loads) > LED_MISS * np.abs(multiplier).max(initial=0.0)
     return any([_balance_alone(s, missed[s.nodes.v]) for s in equations.states])
 
