@@ -45,24 +45,26 @@ def at_outline(
     if not len(edges) or not len(rows):
         return Clamped(rows[:0], rows[:0], pairs.N, pairs.cell)
     ends, x = frame.x[edges], pairs.x[rows]
-    edge_near = cKDTree(ends.mean(axis=1)).query(x, k=min(8, len(edges)))[1].reshape(len(x), -1)
-    a, b = ends[edge_near, 0], ends[edge_near, -1]
+    some = cKDTree(ends.mean(axis=1)).query(x, k=min(8, len(edges)))[1].reshape(len(x), -1)
+    a, b = ends[some, 0], ends[some, -1]
     along = np.einsum("nei,nei->ne", x[:, None] - a, b - a)
     length2 = np.maximum(np.einsum("nei,nei->ne", b - a, b - a), 1e-300)
     t = np.clip(along / length2, 0.0, 1.0)
     distance = np.linalg.norm(x[:, None] - a - t[..., None] * (b - a), axis=2)
-    best = np.round(distance / distance.max(), 9).argmin(axis=1)
-    pick = np.arange(len(x)), best
-    edge, t = edge_near[pick], t[pick]
-    # The cell that the edge belongs to, and the distance within its plane.
-    owner = _cells_of_edges(frame.cells, edges)[edge]
+    # The cell that an edge belongs to, and the distance within its plane.
+    owner = _cells_of_edges(frame.cells, edges)[some]
     if edges.shape[1] > 1:
-        t = _over_nodes(x, ends[edge], t, TILTED * _tilt(frame, normals)[owner])
-    miss = x - ends[edge, 0] - t[:, None] * (ends[edge, -1] - ends[edge, 0])
+        t = _over_nodes(x[:, None], a, b, t, TILTED * _tilt(frame, normals)[owner])
+    miss = x[:, None] - a - t[..., None] * (b - a)
     normal = normals[owner]
-    tangential = miss - np.einsum("ni,ni->n", miss, normal)[:, None] * normal
-    close = np.linalg.norm(tangential, axis=1) <= near * frame.cell_size[owner]
-    rows, edge, t, owner = rows[close], edge[close], t[close], owner[close]
+    miss -= np.einsum("nei,nei->ne", miss, normal)[..., None] * normal
+    off = np.linalg.norm(miss, axis=2) / frame.cell_size[owner]
+    # Of two edges that are as near, next to a node, the one in whose cell's plane it is nearer.
+    distance = np.round(distance / max(distance.max(), 1e-300), 9)
+    nearest = distance == distance.min(axis=1, keepdims=True)
+    pick = np.arange(len(x)), np.where(nearest, np.round(off, 9), np.inf).argmin(axis=1)
+    close = off[pick] <= near
+    rows, edge, t, owner = rows[close], some[pick][close], t[pick][close], owner[pick][close]
     inner, cell = np.ones(len(pairs.nodes)), pairs.cell.copy()
     inner[rows], cell[rows] = 0.0, owner
     share = np.column_stack([1.0 - t, t])[:, : edges.shape[1]]
@@ -72,13 +74,13 @@ def at_outline(
     return Clamped(rows, edge, N, cell)
 
 
-def _over_nodes(x: Array, ends: Array, t: Array, tilt: Array) -> Array:
-    """(n,) places on edges (n, 2, gdim), 0 or 1 where a node x (n, gdim) lies over an end: across a
-    gap or an overlap, which cells are square to but for a tilt (n,). What is held at a corner would
-    else hold the nodes along both edges, by next to nothing."""
-    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    for end, way in ((0, t * length), (1, (1.0 - t) * length)):
-        t = np.where(way <= tilt * np.linalg.norm(x - ends[:, end], axis=1), float(end), t)
+def _over_nodes(x: Array, a: Array, b: Array, t: Array, tilt: Array) -> Array:
+    """(n, e) places on edges from a to b (n, e, gdim), 0 or 1 where a node x (n, 1, gdim) lies over
+    an end: across a gap or an overlap, which cells are square to but for a tilt (n, e). What is
+    held at a corner would else hold the nodes along both edges, by next to nothing."""
+    length = np.linalg.norm(b - a, axis=2)
+    for end, value, way in ((a, 0.0, t * length), (b, 1.0, (1.0 - t) * length)):
+        t = np.where(way <= tilt * np.linalg.norm(x - end, axis=2), value, t)
     return t
 
 

@@ -200,6 +200,7 @@ DRAWN += some_of(LEFT_OPEN, LEFT_OPEN[:1] + LEFT_OPEN[-1:])
     [
         *(pytest.param(*p.values, False, marks=p.marks) for p in DRAWN),
         (1029, "mirrored", True),  # nodes beyond the frame's rim, between two of its cells
+        (9022, "turned", False),  # a node at the rim of a tied curve, as near to two of its edges
         (1010, "mixed", True),
         longer(3049, "condensed", False),  # a small body on a large facet, with friction, lifted
     ],
