@@ -52,6 +52,7 @@ class ContactIteration:
         nothing: Any = None
         self.multiplier = self.w = self.alpha = self.last = nothing
         self.forces = self.ended = self.pressed = self.rounding = self.rounded = self.felt = 0.0
+        self.moved = 0.0
         self.verdict = Verdict(0.0, 0.0)
         self.f, self.g = self._rest
         self.equations.loads = np.zeros(self.equations.n_v)
@@ -87,6 +88,7 @@ class ContactIteration:
         ended = found.multiplier, found.w
         w = of_the_bodies(self.states, *ended, fitted, self.scale)
         self.w = told(self.operators.floating.comm, w)
+        self.moved = float(np.abs(found.y).max(initial=0.0))
         for s in self.states:
             s.accept(found.multiplier, self.w, fitted, self.scale, self.rounding)
 

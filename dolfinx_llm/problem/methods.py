@@ -222,7 +222,7 @@ class ContactMethod:
         u, motions = self._last
         common = {
             "multiplier": i.multiplier, "w": i.w, "g": i.g, "loads": i.equations.loads,
-            "forces": np.array([i.ended, i.rounding, i.rounded]),
+            "sizes": np.array([i.ended, i.rounding, i.rounded, i.moved]),
             "reported": self._reported,
         }  # fmt: skip
         return common | {f"motion {k}": m for k, m in enumerate(motions)}, {"u": u, "f": i.f}
@@ -233,7 +233,7 @@ class ContactMethod:
         i, u = self.iteration, local["u"]
         i.multiplier, i.w, i.g = (common[name] for name in ("multiplier", "w", "g"))
         i.f, i.equations.loads, self._reported = local["f"], common["loads"], common["reported"]
-        i.ended, i.rounding, i.rounded = map(float, common["forces"])
+        i.ended, i.rounding, i.rounded, i.moved = map(float, common["sizes"])
         i.alpha, i.last, self._began = self.setting.operators.floating.amounts(u), None, None
         count = len(self.setting.operators.geometries)
         self._last = u, [common[f"motion {k}"] for k in range(count)]

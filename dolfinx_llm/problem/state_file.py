@@ -20,7 +20,7 @@ from dolfinx_llm.geometry.spaces import CELLS
 from dolfinx_llm.output.writing import writing
 from dolfinx_llm.problem.blocks import Blocks
 
-FORMAT = "dolfinx_llm state 5"
+FORMAT = "dolfinx_llm state 6"
 Arrays = dict[str, Array]
 
 

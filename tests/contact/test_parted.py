@@ -24,6 +24,15 @@ def test_in_any_units(unit):
     assert _farthest(L, -position * unit, unit) is None
 
 
+def test_nodes_that_rows_hardly_see():
+    """One of them went to 1e13 times the motion of the bodies, which then told what rounding is:
+    wrong forces of the next load step were taken for exact."""
+    N = np.array([[1.0, 0.0], [1.0, 1e-8], [1.0, -1e-8]])
+    low, high = np.array([0.0, 0.1, 0.0]), np.array([1.0, 1.0, 0.4])
+    found = _farthest(csr_matrix(np.vstack([N, -N])), np.concatenate([low, -high]), 1.0)
+    assert np.abs(found).max() <= 2.0
+
+
 @pytest.mark.parametrize("swap", [False, True])
 @pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(0.1)], ids=str)
 def test_nodes_beside_the_other_side(law, swap):

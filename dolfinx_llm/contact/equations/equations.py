@@ -102,9 +102,11 @@ class Equations:
             may_open[s.nodes.rows[s.held, -1]] = False
         return may_open
 
-    def begin(self, multiplier: Array, w: Array, g: Array) -> None:
-        """A load step from λ (n,) and w (m,), with gaps g (n,)."""
-        self.idle, self.least, self.start, self.g = 0.0, unfelt(self, w), multiplier, g
+    def begin(self, multiplier: Array, moved: float, g: Array) -> None:
+        """A load step from λ (n,), with gaps g (n,); bodies have moved so far at their surfaces:
+        not the frames, which go anywhere between bodies that are apart."""
+        self.idle, self.start, self.g = 0.0, multiplier, g
+        self.least = LEAST_FELT * self.scale * moved
         self.left_out = self._clamped.hold(self.states, g)
 
     @cached_property
@@ -225,12 +227,6 @@ class Equations:
         if not self.operators.tied:
             forces = self.frames.rows().gather @ forces
         return float(np.abs(forces - self.loads).max(initial=0.0))
-
-
-def unfelt(equations: Equations, w: Array) -> float:
-    """Force that is rounding of the motion w (m,) at the start of a load step [force]."""
-    moved = [equations.L @ w, *(s.own.kappa_before for s in equations.states)]
-    return LEAST_FELT * equations.scale * max(np.abs(a).max(initial=0.0) for a in moved)
 
 
 def runaway(equations: Equations, multiplier: Array) -> str:

@@ -188,6 +188,7 @@ class InterfaceState:
                 self.own.history = self.law.end_step(at)
                 if self.law.opens and self.law.slips:
                     opened = opened | (self.law.strength(at) <= least)
+                    opened = opened[self.others.speaker]  # those that follow it slip as it does
             self.own.kappa_before = np.where(opened[:, None], fitted[kappa], w[kappa])
 
     @property

@@ -21,6 +21,7 @@ UNPARTED = 5  # iterations, after which pairs should have parted by themselves
 FORCELESS = 1e-6  # forces over stiffness times motion, that press no bodies
 OVERLAP = 0.1  # of the motion, by which bodies that have parted are in each other at most
 WITHIN_EACH = 0.5  # the same, from which on a step in which nothing presses is none
+AWAY = 2.0  # of the motion, that a frame goes between bodies: rows hardly see some of its nodes
 WELL_CLEAR = 1e-4  # of the motion: how far bodies are apart that will not meet without these forces
 
 
@@ -131,7 +132,7 @@ def _farthest(L: csr_matrix, position: Array, motion: float) -> Array | None:
         np.append(np.zeros(k), -1.0),
         A_ub=-hstack([L, gap]).tocsr(),
         b_ub=-position / motion,
-        bounds=[(None, None)] * k + [(None, 1.0)],
+        bounds=[(-AWAY, AWAY)] * k + [(None, 1.0)],
         method="highs",
     )
     clear = best.status == 0 and best.x[-1] > WELL_CLEAR

@@ -25,6 +25,7 @@ class Reached:
     g: Array  # (n,) gaps [length]
     forces: float  # largest at the start and the end, by which it was judged [force]
     ended: float  # largest at its end [force]
+    moved: float  # how far bodies have moved at their surfaces, at most [length]
     rounding: float  # of forces that were found from the last ones [force]
     rounded: float  # of these by themselves [force]
     felt: float  # what contact forces make of it, at most, and of what has slipped by it [force]

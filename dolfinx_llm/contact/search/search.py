@@ -88,7 +88,7 @@ class Search:
         self._about = multiplier, w  # of which laws are linearised
         self._centre = w if self._known else equations.middle(g, w)  # where frames are held
         self._frame = w  # and slips, of the last iteration
-        equations.begin(multiplier, w, g)
+        equations.begin(multiplier, start.moved, g)
         floating = self._operators.floating
         self._spring = floating.spring(self._scale)
         alpha = start.alpha if self._known else np.zeros(floating.count)
