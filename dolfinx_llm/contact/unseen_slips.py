@@ -3,7 +3,7 @@
 Where few pairs are in contact they do not determine how far single nodes of a frame have slipped: a
 pair between two of these tells a mean of both. Friction would remember whatever the iteration left
 there once other pairs close. What is not determined is therefore taken from the motion of the
-bodies. Nodes that stick have not slipped, whether pairs see them or not.
+bodies. Nodes that stick have not slipped, whether pairs see them or not. Supports see the frame.
 """
 
 from __future__ import annotations
@@ -46,7 +46,9 @@ def of_the_bodies(
         gives_in = np.repeat(_gives_in(s, multiplier, w, c), nodes.kappa.shape[1])
         at = np.concatenate([nodes.v, nodes.kappa.ravel()[gives_in]])
         L = hstack([nodes.L, nodes.L_kappa[:, gives_in]], format="csr")[closed]
-        squares = L.T @ L
+        holds = nodes.L[s.at_supports]  # of the frame alone
+        holds.resize(holds.shape[0], len(at))
+        squares = L.T @ L + holds.T @ holds
         least = UNSEEN * (squares.diagonal().max(initial=0.0) or 1.0)
         factors = symmetric_factors(squares + least * identity(len(at)))
         change = fitted[at] - w[at]
