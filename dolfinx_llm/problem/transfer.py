@@ -72,7 +72,7 @@ def _contact(old: ContactProblem, new: ContactProblem) -> Arrays:
     """What interfaces go on from, the same on every rank, but for gaps."""
     kept, _ = old.method.kept()
     iteration = new.method.iteration
-    found = {"forces": kept["forces"], "history": np.array(json.dumps(old.method.history))}
+    found = {"sizes": kept["sizes"], "history": np.array(json.dumps(old.method.history))}
     found["loads"] = iteration.equations.frame_loads()
     found["multiplier"] = np.zeros(sum(s.nodes.rows.size for s in new.method.states))
     found["w"] = np.zeros(iteration.equations.m)
