@@ -99,19 +99,36 @@ class WholeSteps(StepForm):
         found = self.result(step, *made.ask(f, step.g, step.rhs, step.about))
         before, self._wrong = self._wrong, int(found.wrong.sum())
         if 0 < self._wrong <= self.most and (self.eager or self._wrong >= before):
-            pairs, forces = self._choose(made, step, found)
+            pairs, forces, among = self._choose(made, step, found)
             if len(pairs):
-                active = step.active.copy()
-                active[pairs] ^= True
-                df, dg, drhs = self._loads(step, pairs, forces)
-                loads = f + df, step.g + dg, step.rhs + drhs
-                u, multiplier, w = made.ask(*loads, step.about)
-                multiplier[pairs] = np.where(active[pairs], forces, 0.0)
-                found = self.result(step, u, multiplier, w, active)
+                found = self._changed(made, f, step, pairs, forces, among)
         operators = self.operators
         terms = largest(operators.comm, ~operators.dofs.fixed * operators.diagonal * found.u)
         self.noise = SEVERAL * EPS * terms[0]
         return replace(found, wrong=found.wrong | self._held_apart(step, found))
+
+    def _changed(
+        self, made: SetUp, f: Array, step: LinearStep, pairs: Array, forces: Array, among: Array
+    ) -> StepResult:
+        """The step under this rank's load f where pairs (k,) change, by ``forces`` of ``_choose``:
+        differences of large answers where frames are held weakly, which what is left corrects."""
+        active, opens = step.active.copy(), step.active[pairs]
+        active[pairs] ^= True
+        for corrected in (False, True):
+            df, dg, drhs = self._loads(step, pairs, forces)
+            loads = f + df, step.g + dg, step.rhs + drhs
+            u, multiplier, w = made.ask(*loads, step.about)
+            gap = step.L[pairs] @ w - self.motion(u)[pairs] - step.g[pairs]
+            gap += step.compliance[pairs] * forces
+            left = np.where(opens, multiplier[pairs], self.scale * gap)
+            multiplier[pairs] = np.where(opens, 0.0, forces)
+            found = self.result(step, u, multiplier, w, active)
+            level = step.level(multiplier, found.y, self.scale)
+            if corrected or np.abs(left).max() <= WholeSteps.accuracy * level:
+                break
+            correction = partial(np.linalg.solve, among, left)
+            forces = forces - chosen(self.operators.comm, correction)
+        return found
 
     def _held_apart(self, step: LinearStep, found: StepResult) -> Array:
         """(n,) rows at supports, in contact, that are open. Those of both sides that are held apart
@@ -134,9 +151,12 @@ class WholeSteps(StepForm):
         pushed = times(operators.B, closing[operators.rows.numbering.mine])
         return -pushed, opening, -(step.E @ closing)
 
-    def _choose(self, made: SetUp, step: LinearStep, found: StepResult) -> tuple[Array, Array]:
-        """Pairs that have to change so that all signs are right, and their forces (gaps times c,
-        where they open): linear complementarity among those whose sign is or becomes wrong."""
+    def _choose(
+        self, made: SetUp, step: LinearStep, found: StepResult
+    ) -> tuple[Array, Array, Array]:
+        """Pairs (k,) that have to change so that all signs are right, their forces (gaps times c,
+        where they open) and (k, k) what these do to what has to vanish there: linear
+        complementarity among those whose sign is or becomes wrong."""
         rows = np.flatnonzero(step.may_open)
         place = np.cumsum(step.may_open) - 1
         on = step.active[rows]
@@ -163,9 +183,11 @@ class WholeSteps(StepForm):
             try:
                 change, forces, after = chosen(self.operators.comm, exchanged)
             except np.linalg.LinAlgError:  # forces that nothing determines: all wrong ones change
-                return pairs[:0], forces[:0]
+                return pairs[:0], forces[:0], np.zeros((0, 0))
             new = rows[after < -band]
-        return pairs[change], forces[change]
+        at = place[pairs[change]]
+        among = np.array(answers)[change][:, at].T if len(at) else np.zeros((0, 0))
+        return pairs[change], forces[change], among
 
     def destroy(self) -> None:
         """See ``StepForm``."""

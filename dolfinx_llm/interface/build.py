@@ -47,7 +47,7 @@ from dolfinx_llm.interface.rows import (
 )
 from dolfinx_llm.interface.shared import check_pairs, shared_by, shared_nodes
 from dolfinx_llm.interface.site import Site, check_order, find_site, say_straight, with_law
-from dolfinx_llm.interface.supports import in_supports_planes, kept_nodes
+from dolfinx_llm.interface.supports import in_supports_planes, kept_nodes, straight
 from dolfinx_llm.interface.touching import check_flat, find_pieces
 
 
@@ -241,7 +241,8 @@ def build_piece(
     cells of so many corners, or those of the coarser side."""
     interface, law, plane = site.interface, site.interface.law, piece.plane
     sides = piece.parts(site.whole)
-    designs = site.prescribed is None  # else supports bear what does not balance
+    # Where a curved tool is prescribed supports bear what does not balance.
+    designs = site.prescribed is None or all(straight(side) for side in sides)
     area: Any = None
     order = common_order(site, sides)
     if plane is None:  # curved: vector areas, smooth rows, balance in least squares

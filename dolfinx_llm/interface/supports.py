@@ -46,11 +46,16 @@ def prescribed_side(site: Site, sides: Sequence[Surface]) -> int | None:
         return None
     k = known.index(True)
     tool, other = sides[k], sides[1 - k]
-    if all(is_flat(side, STRAIGHT * side.diameter) for side in sides):
+    if all(straight(side) for side in sides):
         few = NODES_ACROSS ** (tool.x.shape[1] - 1)
         if np.count_nonzero(_over(other, tool)) < few:
             return None
     return k if _spacing(tool) < FINER * _spacing(other) else None
+
+
+def straight(side: Surface) -> bool:
+    """Whether a surface lies in one plane."""
+    return is_flat(side, STRAIGHT * side.diameter)
 
 
 def _over(side: Surface, tool: Surface) -> Array:

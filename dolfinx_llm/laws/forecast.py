@@ -32,21 +32,22 @@ class Forecast:
     """The function of w whose least value tells what presses."""
 
     L: csr_matrix  # (n, m) motion of the frame as the rows see it
-    k: Array  # (n,) stiffness of rows; 0: out of contact for good [force / length]
+    k: Array  # (n,) stiffness of rows; 0: their forces stay as they are [force / length]
     press: Array  # (n,) rows whose force must not be negative
     hold: Array  # (m,) what holds the frame about the guess [force / length]
     w: Array  # (m,) the guess [length]
 
-    def normal(self) -> Forecast:
-        """The same of normal forces alone, and of the motions that mainly these see: with friction,
-        whose forces are told otherwise, for the time being those of the guess."""
+    def normal(self) -> tuple[Forecast, Array]:
+        """The same of normal forces alone, and of the motions that mainly these see, with the
+        places of these among all: with friction, whose forces are told otherwise, for the time
+        being those of the guess."""
         squares = self.L.power(2)
         of_press = np.asarray(squares[self.press].sum(axis=0)).ravel()
         seen = of_press > 0.5 * np.asarray(squares.sum(axis=0)).ravel()
         at = np.flatnonzero(seen)
         L = self.L[:, at]
         own = np.asarray(L.power(2).sum(axis=1) - 0.5 * squares.sum(axis=1)).ravel() > 0.0
-        return Forecast(L, np.where(own, self.k, 0.0), self.press, self.hold[at], self.w[at])
+        return Forecast(L, np.where(own, self.k, 0.0), self.press, self.hold[at], self.w[at]), at
 
     def pressing(self, force: Array, position: Array, loads: Array | None = None) -> Array:
         """(n,) rows of ``press`` with λ' > 0.
@@ -68,7 +69,7 @@ class Forecast:
             force, position: as of ``pressing``.
             target: (m,) Lᵀ λ' but for what holds the frame [force].
         """
-        force = np.where(self.k > 0.0, force, 0.0)
+        force, untold = np.where(self.k > 0.0, force, 0.0), np.where(self.k > 0.0, 0.0, force)
         pull = force + self.k * position
         used = self.L.multiply(self.k[:, None]).tocsc()
         fit = used.T @ self.L + HOLDS[-1] * self.k.mean() * identity(used.shape[1])
@@ -83,7 +84,7 @@ class Forecast:
                 about = np.where(self.hold > 0.0, self.w, w)
                 hold = np.maximum(self.hold, holds[-1])
                 w = self._least(pull, target, w, about, hold, enough)
-        return (self._answer(pull, w) > 0.0) & self.press, w
+        return (self._answer(pull, w) + untold > 0.0) & self.press, w
 
     def _answer(self, pull: Array, w: Array) -> Array:
         """λ'."""

@@ -47,7 +47,7 @@ def ball(up, size):
     return mesh, tags
 
 
-def balls(n, solver, law):
+def balls(n, solver, law, **options):
     """The problem, and what presses the upper ball."""
     forms, loads, bcs, sides = [], [], [], []
     for up, ((E, nu), cells) in enumerate(zip(MATERIALS, n, strict=True)):
@@ -66,7 +66,9 @@ def balls(n, solver, law):
             bcs.append(fem.dirichletbc(0.0, dofs, W))
         sides.append((tags, 1))
     interface = llm.Interface(None, tuple(sides), law=law)
-    problem = llm.ContactProblem(forms, loads, bcs=bcs, interfaces=[interface], solver=solver)
+    problem = llm.ContactProblem(
+        forms, loads, bcs=bcs, interfaces=[interface], solver=solver, **options
+    )
     return problem, moved
 
 
@@ -97,10 +99,15 @@ def test_iterations(n):
 
 def test_friction_across_planes_of_symmetry():
     """Frame nodes at planes of symmetry, where contact has parted at what else holds them, went 300
-    across these, and on in each iteration; the condensed form ended in an error."""
+    across these, and on in each iteration; the condensed form ended in an error. It took up to 140
+    iterations while frames were let go as they were, to another state; and factorised it left gaps
+    of pairs that close, differences of large motions of the frame."""
     forces = {}
-    for solver, most in ("saddle", 30), ("condensed", 45):
-        problem, moved = balls((3, 4.5), solver, llm.Coulomb(0.2))
+    factorised = {"petsc_options": {"pc_type": "lu"}}
+    for solver, most, options in (
+        ("saddle", 30, {}), ("condensed", 45, {}), ("condensed", 45, factorised)
+    ):  # fmt: skip
+        problem, moved = balls((3, 4.5), solver, llm.Coulomb(0.2), **options)
         for down in (0.0288, 0.026):
             moved.x.array[2::3] = -down
             problem.solve()
@@ -113,10 +120,10 @@ def test_friction_across_planes_of_symmetry():
             push = sum(s.force.sum(axis=0) for s in result.sides)
             assert np.abs(push).max() <= 1e-8 * result.sides[0].force.sum(axis=0)[2]
             sides = np.concatenate([s.normal_force for s in result.sides])
-            forces.setdefault(solver, []).append(sides)
+            forces.setdefault(down, []).append(sides)
         problem.destroy()
     # Which nodes at the rim slip as others do follows from pairs that hardly press: forms differ by
     # up to 5e-8, with the mesh of gmsh 4.15 by 4e-5.
-    for one, other in zip(*forces.values(), strict=True):
-        assert min(one.min(), other.min()) >= -1e-9 * one.max()
-        assert np.abs(one - other).max() <= 1e-4 * one.max()
+    for one, *others in forces.values():
+        assert min(f.min() for f in (one, *others)) >= -1e-9 * one.max()
+        assert max(np.abs(one - f).max() for f in others) <= 1e-4 * one.max()

@@ -18,14 +18,14 @@ from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.contact.equations.equations import Equations
 from dolfinx_llm.contact.search.iterate import Iterate
 from dolfinx_llm.forms.exchange import forecast_of, row_stiffness, with_bodies
-from dolfinx_llm.forms.step import LinearStep
+from dolfinx_llm.forms.step import SOFT, LinearStep
 
 SPARED = 1e-9  # of the largest force: firm springs that bear less are let go as they are
 
 
 def let_go(equations: Equations, step: LinearStep, share: float, now: Iterate, f: Array) -> Array:
     """(m,) where frames are once they are held weakly; interfaces take over which pairs press then.
-    With friction nothing changes. Collective.
+    With friction frames are placed along their normals, and bodies stay. Collective.
 
     Args:
         equations: of the laws.
@@ -35,17 +35,26 @@ def let_go(equations: Equations, step: LinearStep, share: float, now: Iterate, f
         f: this rank's load.
     """
     loses = now.drawn > SPARED and step.may_open.any()
-    if not loses or not step.symmetric or step.compliance.any():
-        return now.w
     operators, m = equations.operators, len(now.w)
+    gives = step.compliance.max(initial=0.0) * operators.scale > 10.0 * SOFT
+    if not loses or gives:
+        return now.w
     forecast = forecast_of(step, row_stiffness(operators), now.result)
     forecast = replace(forecast, hold=share * forecast.hold)
-    forecast, loads = with_bodies(forecast, operators.floating, f)
-    target = np.append(np.zeros(m), loads)
+    if step.symmetric:
+        at = np.arange(m)
+        forecast, loads = with_bodies(forecast, operators.floating, f)
+        target = np.append(np.zeros(m), loads)
+    else:
+        forecast, at = forecast.normal()
+        left = equations.L_t @ equations.with_supports(now.multiplier, now.w) - equations.loads
+        target = forecast.L.T @ np.where(forecast.k > 0.0, now.multiplier, 0.0) - left[at]
     settled = partial(forecast.settled, now.multiplier, now.position, target)
-    pressing, w = chosen(operators.comm, settled)
+    pressing, found = chosen(operators.comm, settled)
+    w = now.w.copy()
+    w[at] = found[: len(at)]
     active = np.where(step.may_open, pressing, step.active)
     for s in equations.states:
         if s.law.opens:
             s.touch(active[s.nodes.rows[:, -1]])
-    return np.asarray(w[:m])
+    return w

@@ -44,6 +44,7 @@ LAST_PULL = 1e-13  # of the forces, that the proximal term may carry, however lo
 PATIENT, LONG_ENOUGH = 20, 1e-9  # iterations of rest, after which this may be left, as about frame
 # nodes far from contact, which forces of corrected rows reach a millionth of
 MAXIMUM = 100  # iterations, and as many again once ties have been chosen
+MEETING_ENDS = 10  # iterations in which all sticks while it is found which pairs touch, at most
 FALLING = 4  # of them in which the motion of what nothing holds is looked for
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
 FASTEST = 20  # doublings of how fast a frame node goes to where it touches
@@ -83,6 +84,7 @@ class Search:
         self._pressed = max(pressed, np.abs(equations.loads).max(initial=0.0))
         self._history, self._began, self._bar = history, len(history), bar
         self._known = start.w is not None  # there has been a load step
+        self._first = not self._known  # ... not: first it is found which pairs touch
         w = start.w if self._known else np.zeros(equations.m)
         multiplier = start.multiplier if self._known else np.zeros(equations.n)
         self._about = multiplier, w  # of which laws are linearised
@@ -138,11 +140,6 @@ class Search:
         raise ContactError(failure(self._history[self._began :]))
 
     @property
-    def _first(self) -> bool:
-        """Whether nothing is known but where the bodies are."""
-        return not self._known and self._number == 1
-
-    @property
     def _hold(self) -> float:
         """What holds frames, over the surfaces' stiffness: firm while contact changes, so that no
         rounding tells what touches them."""
@@ -170,6 +167,8 @@ class Search:
         if glides:
             slid = self._without_friction.slips(position, multiplier, w)
         changes = sum(take_over(s, equations, found, self._calmed) for s in self._states)
+        for s in self._states if self._first else ():
+            s.own.closings[:] = 0  # what comes and goes by then does so for other reasons
         missed = equations.miss(multiplier, w)
         judged = told(self._comm, (changes, missed / largest, drawn / largest))
         self._runs = self._runs + 1 if (lost := runaway(equations, multiplier)) else 0
@@ -231,6 +230,7 @@ class Search:
         if self._number > 1 and now.changes and now.miss > 0.9 * self._before:
             ahead = 0.5 * (force + ahead[0]), 0.5 * (slid + ahead[1])
         self._about, self._without_friction.now = ahead, False
+        self._first &= bool(now.result.wrong.any()) and self._number < MEETING_ENDS
         self._calm, self._before = (0, np.inf) if released else (self._calm, now.miss)
         # From then on the frame goes on from where it is, and what no force holds stays.
         if self._calm > 0 and not self._calmed:

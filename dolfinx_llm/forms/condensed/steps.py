@@ -284,7 +284,7 @@ def _pressing(
     this rank's loads f on them; with friction, floating None, they stay. k (n,) of rows."""
     forecast, g = forecast_of(step, k, found), step.g
     if floating is None:
-        return forecast.normal().pressing(found.multiplier, found.y + g)
+        return forecast.normal()[0].pressing(found.multiplier, found.y + g)
     forecast, loads = with_bodies(forecast, floating, f)
     return forecast.pressing(found.multiplier, found.y + g, loads)
 
