@@ -291,7 +291,7 @@ class Increment:
         """Take in facets that have passed the frame, leave out nodes off it, and cover as now."""
         places = [t.place for t in self.terms]
         with failing():
-            found = missed_at(self.steps, self.u, places, self.held, self.faces)
+            found = missed_at(self.steps, self.u, places, self.status, self.held, self.faces)
         if found:
             self.evaluate()
         return found

@@ -62,6 +62,14 @@ class Placed:
         found: Array = self.what.sides.split(self.numbers)[0][:, 0]
         return found
 
+    @property
+    def meets(self) -> tuple[Array, Array]:
+        """The same of the moving side and of the frame; neither without one."""
+        if self.what.sides is None or self.what.sides.frame is None:
+            return np.zeros(0), np.zeros(0)
+        moving, frame = self.what.sides.split(self.numbers)
+        return moving[:, 0], frame[:, 0]
+
     def begun(self) -> Placed:
         """The same at the start of a load step, with what its law reads then; collective."""
         if self.reads is None:
@@ -135,7 +143,10 @@ def chosen_at(
     """
     every, dofs = [*steps.interfaces, *steps.followers], steps.bodies.dofs
     now = [placed.at(dofs, good.u) for placed in every]
-    found = [chosen(dofs.comm, partial(i.what.hold, z)) for i, z in zip(every, now, strict=True)]
+    found, n = list[Any](), len(steps.interfaces)
+    for i, (placed, z) in enumerate(zip(every, now, strict=True)):
+        of = (z,) if i < n else (z, touching_of(placed, steps.interfaces, good.status))
+        found.append(chosen(dofs.comm, partial(placed.what.hold, *of)))
     held = [
         replace(own, pose=pose, pose_before=before, kept=kept, scale=steps.scale)
         for own, pose, before, kept in zip(found, poses, good.poses, good.kept)
@@ -143,18 +154,35 @@ def chosen_at(
     return held, found[len(held) :]
 
 
+def touching_of(load: Placed, interfaces: Sequence[Placed], status: Sequence[Any]) -> Array:
+    """(n,) which nodes of a follower load's moving side are in contact, by the status of the pairs
+    of each interface; all of one of which it is not known yet."""
+    closed = [np.zeros(0)]
+    for placed, now in zip(interfaces, status, strict=True):
+        moving = placed.meets[0]
+        closed.append(moving if now is None else moving[(now != OPEN)[: len(moving)]])
+    return np.isin(load.meets[0], np.concatenate(closed))
+
+
 def missed_at(
-    steps: Equations, u: Array, places: Sequence[Place], held: list[Held], faces: list[Any]
+    steps: Equations,
+    u: Array,
+    places: Sequence[Place],
+    status: Sequence[Array],
+    held: list[Held],
+    faces: list[Any],
 ) -> bool:
-    """Whether something else than what is held touches, or covers, at an equilibrium u (n_local,),
-    which is held from now on: ``held`` and ``faces`` are changed. As of ``chosen_at``."""
+    """Whether something else than what is held touches, or covers, at an equilibrium u (n_local,)
+    with a status of pairs, which is held from now on: ``held`` and ``faces`` are changed. As of
+    ``chosen_at``."""
     dofs, found = steps.bodies.dofs, False
     for i, (placed, place) in enumerate(zip(steps.interfaces, places, strict=True)):
         own = replace(held[i], kept=None)
         if (now := chosen(dofs.comm, partial(placed.what.missed, place, own))) is not None:
             found, held[i] = True, replace(now, kept=held[i].kept)
     for i, load in enumerate(steps.followers):
-        covering = partial(load.what.missed, load.at(dofs, u), faces[i])
+        closed = touching_of(load, steps.interfaces, status)
+        covering = partial(load.what.missed, load.at(dofs, u), closed, faces[i])
         if (over := chosen(dofs.comm, covering)) is not None:
             found, faces[i] = True, over
     return found

@@ -16,6 +16,7 @@ from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.sparse import per_component
 from dolfinx_llm.finite.frame.areas import everything, surface_integrals
 from dolfinx_llm.finite.frame.covered import Covered
+from dolfinx_llm.finite.frame.location import INSIDE
 from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface, check_facet_tags
@@ -28,17 +29,23 @@ COVER = "give (facet tags, tag), or None"
 class FreeSurfacePressure:
     """Pressure that follows a surface, on what another surface leaves free now.
 
-    Covered is what lies across where bodies come to rest, within the size of a facet of the coarser
-    surface, found along averaged normals. Integrals are exact, also over clipped facets and over
-    whole ones of second order that bend; over a part of such a one they miss a force along the
-    surface, of at most p on the facet's height over its chord.
+    Covered is what is in contact where bodies come to rest: facets of the side that is found on the
+    other one, the finer one in general, of which all nodes are in contact, and what lies across
+    from them. All else is free, whatever lies across: a gap that closes like a wedge bears the
+    pressure up to the last node that touches. Where that opens, as contact bears less than the
+    pressure, the next facet is free as well.
+
+    Integrals are exact, also over clipped facets and over whole ones of second order that bend;
+    over a part of such a one they miss a force along the surface, of at most p on the facet's
+    height over its chord.
 
     Args:
         facet_tags: dolfinx mesh tags of facets.
         tag: the loaded surface.
         p: pressure, positive when it presses on the body [force / area]: a number, or a Constant,
             whose value may change between load steps.
-        covered_by: (facet tags, tag) of a surface that may cover part of it, or None.
+        covered_by: (facet tags, tag) of a surface that may cover part of it, as contact of an
+            interface between both tells; or None.
         thickness: of bodies in the plane, as of ``Interface`` [length].
 
     Raises:
@@ -82,6 +89,18 @@ class FreeSurfacePressure:
         return [(self.facet_tags, self.tag), *other]
 
 
+def frame_between(nodes: tuple[Array, Array], meets: Sequence[tuple[Array, Array]]) -> int | None:
+    """Which of two surfaces carries the frame; None: no interface is between both.
+
+    Args:
+        nodes: (n,) numbers of the nodes of each.
+        meets: per interface (n,) those of its moving side, and (m,) of its frame.
+    """
+    shared = [[np.isin(own, on).sum() for own in nodes for on in sides] for sides in meets]
+    on_other, on_first = (sum(min(s[k], s[3 - k]) for s in shared) for k in (0, 1))
+    return int(on_other >= on_first) if on_other or on_first else None
+
+
 @dataclass(frozen=True, eq=False)
 class Covering:
     """Facets of the moving side that count as touching, of an increment.
@@ -103,27 +122,42 @@ class Follower:
     sides: Sides | None
 
     @classmethod
-    def of(cls, load: FreeSurfacePressure, surfaces: Sequence[Surface]) -> Follower:
-        """The pressure on these surfaces."""
-        sides = Sides.of(surfaces) if len(surfaces) > 1 else None
+    def of(
+        cls, load: FreeSurfacePressure, surfaces: Sequence[Surface], frame: int | None
+    ) -> Follower:
+        """The pressure on these surfaces; which of them carries the frame, if there are two."""
+        sides = None if frame is None else Sides.of(surfaces, frame)
         return cls(load, surfaces, sides)
 
-    def hold(self, z: Array) -> Covering | None:
-        """Facets that touch in an increment that starts at coordinates z; None: it has none."""
+    def hold(self, z: Array, closed: Array) -> Covering | None:
+        """Facets that touch in an increment that starts at coordinates z; None: it has none.
+
+        Args:
+            z: coordinates [length].
+            closed: (n,) nodes of the moving side that are in contact.
+        """
         if self.sides is None:
             return None
-        found = self.sides.candidates(z)
+        found = self._touching(z, closed)
         return Covering(found, np.zeros_like(found))
 
-    def missed(self, z: Array, held: Covering | None) -> Covering | None:
+    def missed(self, z: Array, closed: Array, held: Covering | None) -> Covering | None:
         """Those that touch at an equilibrium z, where they are others than held; None: they are
-        the same."""
+        the same. Arguments as of ``hold``."""
         if self.sides is None or held is None:
             return None
-        now = self.sides.candidates(z) | (held.facets & held.left)
+        now = self._touching(z, closed) | (held.facets & held.left)
         if np.array_equal(now, held.facets):
             return None
         return Covering(now, held.left | (held.facets & ~now))
+
+    def _touching(self, z: Array, closed: Array) -> Array:
+        """(f,) facets of the moving side that lie across, with all of their nodes in contact, or
+        beyond the frame's edge."""
+        assert self.sides is not None
+        found, cells = self.sides.candidates(z), self.sides.mover.cells
+        beyond = self.sides.meet(z, found).at.beyond > INSIDE
+        return found & (closed | beyond)[cells].all(axis=1) & closed[cells].any(axis=1)
 
     def terms(
         self, z: Array, p: float, held: Covering | None, lagged: bool = False

@@ -50,7 +50,7 @@ def posed(
     with times.timed("interfaces"):
         contacts = _shared([contact_of(interface, dofs) for interface in interfaces])
         check_contacts(interfaces, contacts, dofs, u)
-        followers = [follower_of(load, dofs) for load in loads]
+        followers = [follower_of(load, dofs, contacts) for load in loads]
     system, method, why = _numbered(contacts, dofs, solver, options)
     surfaces = [s for c in contacts for s in c.what.sides.surfaces]
     size = max([s.facet_size for s in surfaces] or [1.0])

@@ -93,8 +93,11 @@ class Scene:
         F, u = form if F is None else F, right if u is None else u
         return llm.NonlinearContactProblem(F, u, **chosen)
 
-    def pressure(self, p=1.0, tag=patch2d.FOUNDATION_TOP):
-        return llm.FreeSurfacePressure(self.bent[1], tag, p)
+    def pressure(self, p=1.0, tag=patch2d.FOUNDATION_TOP, **more):
+        return llm.FreeSurfacePressure(self.bent[1], tag, p, **more)
+
+    def under(self, tag):
+        return self.pressure(covered_by=(self.bent[1], tag))
 
     @cached_property
     def warm(self):
@@ -1279,6 +1282,11 @@ add(
     lambda s: s.nonlinear(bcs=s.bcs),
 )
 add("facet", lambda s: s.nonlinear(loads=s.pressure(tag=99)))
+add(
+    "no interface has both",
+    lambda s: s.nonlinear(loads=s.under(patch2d.PUNCH_TOP)),
+    lambda s: s.nonlinear(loads=s.under(patch2d.PUNCH_BOTTOM), interfaces=[]),
+)
 
 
 def bent_end(s, end):

@@ -1,12 +1,15 @@
-"""A pressure that follows a surface: what covers it comes and goes; facets that bend."""
+"""A pressure that follows a surface: what covers it comes and goes; beside contact of curved
+surfaces; facets that bend."""
 
 import bent_rings
 import finite_patch
+import gmsh
 import numpy as np
 import pytest
 import test_finite_deformation as fd
 import ufl
 from dolfinx import fem
+from mpi4py import MPI
 from sampling import longer
 
 import dolfinx_llm as llm
@@ -71,6 +74,89 @@ def test_surface_that_is_pulled_to_its_cover(gap):
     problem.solve()
     assert len({h["part"] for h in problem.history}) == 1
     assert np.abs(u.x.array - found).max() < 1e-10
+
+
+class HalfDisc:
+    """A half disc of radius 1 on a block, of triangles of given sizes, moved down by its flat, and
+    what fluid presses on its round side."""
+
+    def __init__(self, sizes, turn=0.0, sides=(1, 4), law=None, degree=1):
+        gmsh.initialize()
+        gmsh.option.setNumber("General.Terminal", 0)
+        geo = gmsh.model.geo
+        round_, block = (
+            [geo.addPoint(*p, 0, h) for p in points]
+            for h, points in zip(sizes, (
+                ((0, 1), (-1, 1), (0, 0), (1, 1)),
+                ((-1.6, -0.6), (1.6, -0.6), (1.6, 0), (-1.6, 0)),
+            ), strict=True)
+        )  # fmt: skip
+        middle, left, low, right = round_
+        arcs = [geo.addCircleArc(left, middle, low), geo.addCircleArc(low, middle, right)]
+        flat = [geo.addLine(right, middle), geo.addLine(middle, left)]
+        box = [geo.addLine(block[i], block[(i + 1) % 4]) for i in range(4)]
+        bodies = [geo.addPlaneSurface([geo.addCurveLoop(edges)]) for edges in ([*arcs, *flat], box)]
+        geo.synchronize()
+        named = ((1, arcs, 1), (1, flat, 2), (1, [box[0]], 3), (1, [box[2]], 4), (2, bodies, 1))
+        for dim, entities, tag in named:
+            gmsh.model.addPhysicalGroup(dim, entities, tag)
+        gmsh.model.mesh.generate(2)
+        domain, _, tags, *_ = compat.model_to_mesh(gmsh.model, MPI.COMM_SELF, 0, gdim=2)
+        gmsh.finalize()
+        self.Q = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        domain.geometry.x[:, :2] = domain.geometry.x[:, :2] @ self.Q.T
+        V = compat.function_space(domain, degree=degree, shape=(2,))
+        self.u = fem.Function(V)
+        self.motion, self.p = fem.Constant(domain, (0.0, 0.0)), fem.Constant(domain, 0.0)
+        top, bottom = (
+            fem.locate_dofs_topological(V, 1, tags.indices[tags.values == tag]) for tag in (2, 3)
+        )
+        self.problem = llm.NonlinearContactProblem(
+            finite_patch.residual(self.u, *finite_patch.lame(100.0, 0.3), degree),
+            self.u,
+            bcs=[fem.dirichletbc(self.motion, top, V), fem.dirichletbc(np.zeros(2), bottom, V)],
+            interfaces=[llm.Interface(tags, sides, law=law or llm.Frictionless())],
+            loads=[llm.FreeSurfacePressure(tags, 1, self.p, covered_by=(tags, 4))],
+        )
+        self.disc = sides.index(1)
+
+    def solve(self, down, p):
+        """Width over which the pressure is missing, that of the nodes in contact, and their force;
+        as if not turned."""
+        self.motion.value, self.p.value = self.Q @ [0.0, -down], p
+        self.problem.solve(increments=1)
+        side, Q = self.problem.results[0].sides[self.disc], self.Q
+        closed, push = (side.x @ Q)[side.status > 0], self.problem.pushed.reshape(-1, 2)
+        width = 2.0 - (push.sum(axis=0) @ Q)[1] / p  # contact's own forces cancel
+        return width, np.ptp(closed[:, 0]), (side.force.sum(axis=0) @ Q)[1]
+
+
+@pytest.mark.parametrize(
+    ("sizes", "more"),
+    [
+        ((0.05, 0.07), {}),
+        longer((0.07, 0.05), {}),
+        longer((0.05, 0.07), {"turn": 0.7, "sides": (4, 1)}),
+        longer((0.05, 0.07), {"law": llm.Coulomb(0.3)}),
+        longer((0.1, 0.13), {"degree": 2}),
+    ],
+)
+def test_fluid_beside_a_round_contact(sizes, more):
+    """It presses on all that does not touch, also where the gap closes like a wedge: the resultant
+    is p times the chord but for the width of contact, to a facet at each end. The same whether the
+    fluid comes first or the motion."""
+    scene = HalfDisc(sizes, **more)
+    missing, closed, force = scene.solve(0.1, 5.0)
+    assert len(scene.problem.history) <= 20 and scene.problem.history[-1]["part"] == 1.0
+    step = max(sizes) / more.get("degree", 1)
+    assert -2.0 * step < missing - closed < 1e-9
+    assert abs(missing - 0.527) < max(sizes)
+    assert force == pytest.approx(-5.05, rel=0.03)  # sizes of 0.012 and 0.03
+    if "law" not in more:
+        other = HalfDisc(sizes, **more)
+        other.solve(0.1, 1e-9)
+        again = other.solve(0.1, 5.0)  # rows are designed where a step starts
+        assert np.abs(np.subtract(again, (missing, closed, force))).max() < 5e-3
 
 
 @pytest.mark.parametrize("gdim", [2, longer(3)])
