@@ -18,7 +18,13 @@ from dolfinx_llm.finite.load_step import Bodies, Equations, LoadStep, NewtonStat
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstacleFriction
 from dolfinx_llm.finite.obstacles.pressed_obstacle import Pressed
 from dolfinx_llm.finite.pairs.terms import ContactTerms, Place
-from dolfinx_llm.finite.passage import check_obstacle, check_passage, left_over_edge, say_left
+from dolfinx_llm.finite.passage import (
+    check_held,
+    check_obstacle,
+    check_passage,
+    left_over_edge,
+    say_left,
+)
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
 log = logging.getLogger("dolfinx_llm")
@@ -161,6 +167,7 @@ class NewtonSteps:
 
         Raises:
             StepFailed: cells are inside out, or bodies have passed each other.
+            ContactError: supports hold both sides in each other; smaller increments do as well.
         """
         count, first = self.equations.bodies.inside_out(run.u)
         if count:
@@ -174,6 +181,9 @@ class NewtonSteps:
                     check_passage(placed.what, place, t.place)
                 else:
                     check_obstacle(placed.what, ((z, q, pose), (t.place.z, own, posed)), t.place)
+            if run.end == 1.0:  # on the way there obstacles go along arcs, supports along chords
+                with collective(run.dofs.comm):
+                    check_held(placed.what, t)
             self._left[i] = self._left[i] | left_over_edge(place, q, t.place)
 
     def _slip(self, i: int, run: Increment, before: Array | None) -> Array:

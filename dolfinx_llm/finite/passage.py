@@ -19,7 +19,7 @@ from dolfinx_llm.finite.frame.self_sides import CROSSED, SelfSides
 from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact
 from dolfinx_llm.finite.pairs.normal_contact import OVER, NormalPlace
-from dolfinx_llm.finite.pairs.terms import MovingContact, Place
+from dolfinx_llm.finite.pairs.terms import ContactTerms, MovingContact, Place
 from dolfinx_llm.geometry.cells import areas_around, cell_sizes, outline_edges
 from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.interface.against import checked_clearance
@@ -28,6 +28,7 @@ AHEAD = 0.5  # of a facet: no deeper lies what is in front of the frame at first
 THROUGH = 1.0  # of a facet: deeper lies what has gone through it
 BORE = 1e-9  # of the largest force, below which there is none
 INTO = 0.2  # of a facet: no deeper in an obstacle has been what has not gone through it
+HELD_OFF = 1e-2  # of a facet, by which supports may hold bodies in each other, as chords do
 FINE = 0.1  # of a facet, by which nodes move between the states looked at beside obstacles
 STRIDE = 0.5  # of a facet, at most, by which nodes move between the states looked at
 LOOKED_AT = 100  # states, at most: bodies that go farther are looked at more seldom
@@ -203,6 +204,33 @@ def check_obstacle(contact: ObstacleContact, ends: tuple[Reached, Reached], afte
             f"have gone through the {type(contact.obstacle).__name__}, the deepest, now at "
             f"{checks.place(x)}, by {found[worst]:.2g} of its facet"
         )
+
+
+def check_held(contact: MovingContact, after: ContactTerms) -> None:
+    """Require that supports do not hold both sides where the law forbids: no force moves them.
+
+    Args:
+        contact: an interface.
+        after: of an equilibrium.
+
+    Raises:
+        ContactError: pairs are in each other, or ties torn, by more than chords of facets are; the
+            same on every rank.
+    """
+    off, mover = contact.astray(after.place, after.status), contact.sides.mover
+    far = off > HELD_OFF * mover.facet_size
+    if not far.any():
+        return
+    worst = int(off.argmax())
+    x = contact.sides.split(after.place.z)[0][worst] + mover.origin
+    names = [surface.name for surface in contact.sides.surfaces]
+    names += [type(contact.obstacle).__name__] if isinstance(contact, ObstacleContact) else []
+    raise ContactError(
+        f"supports hold both sides at {far.sum()} node(s) between {' and '.join(names)}, "
+        f"{'in each other' if contact.parts else 'torn apart'} by up to {off[worst]:.3g}, there at "
+        f"{checks.place(x)}, and no force of contact moves them. Leave the motion of one side free "
+        "there, or prescribe another one"
+    )
 
 
 def left_over_edge(before: Place, force: Array, after: Place) -> Array:

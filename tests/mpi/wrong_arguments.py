@@ -1289,6 +1289,19 @@ add(
 )
 
 
+def in_each_other(s):
+    """Supports prescribe both sides of an interface."""
+    _, tags, u, _ = s.bent
+    V, bcs = u.function_space, []
+    for tag, motion in ((patch2d.FOUNDATION_TOP, 0.0), (patch2d.PUNCH_BOTTOM, -0.1)):
+        dofs = fem.locate_dofs_topological(V, 1, tags.indices[tags.values == tag])
+        bcs.append(fem.dirichletbc(np.array([0.0, motion]), dofs, V))
+    s.nonlinear(bcs=bcs).solve()
+
+
+add("supports hold both sides at .* by up to 0.1, there at", in_each_other, kind=ERROR)
+
+
 def bent_end(s, end):
     """At finite deformation."""
     sides = patch2d.FOUNDATION_TOP, end

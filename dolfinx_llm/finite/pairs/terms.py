@@ -175,6 +175,11 @@ class MovingContact:
         """Where all n nodes of the moving side lie on the frame: an ``OnFrame``."""
         raise NotImplementedError
 
+    def astray(self, place: Any, status: Array) -> Array:
+        """(n,) how far closed pairs are from where the law has them: not at all, but where supports
+        hold both sides, which go before rigid ends [length]."""
+        return np.where((status != OPEN) & self.settles, np.abs(place.gap), 0.0)
+
     def slip(self, place: Any, held: Held, since: Array, earlier: Any) -> Array:
         """(n, gdim) how far pairs slide: see ``Slides``; those of ties do not [length]."""
         return np.zeros_like(place.normal)

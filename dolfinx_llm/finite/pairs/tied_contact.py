@@ -117,6 +117,10 @@ class TiedContact(Bound):
     def located(self, place: Place) -> OnFrame:
         return self.drawn.at
 
+    def astray(self, place: Place, status: Array) -> Array:
+        jumps = (self.A @ place.z).reshape(-1, self.sides.gdim)
+        return np.asarray(np.linalg.norm(jumps, axis=1))
+
     def terms(self, place: Place, q: Array, status: Array, held: Held, free: Array) -> ContactTerms:
         """See ``NormalContact.terms``; q (n gdim,) are the forces on the moving side [force]."""
         width = self.sides.width
