@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -12,8 +10,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import collective, told
+from dolfinx_llm.finite.failures import check_solution, failing, inside_out
 from dolfinx_llm.finite.linear.parts import Part
 from dolfinx_llm.finite.load_step import (
     Equations,
@@ -35,7 +33,6 @@ from dolfinx_llm.finite.settling import (
 )
 from dolfinx_llm.finite.turning import prescribed, turned
 from dolfinx_llm.finite.two_obstacles import Doubled
-from dolfinx_llm.forms.options import NoOption
 from dolfinx_llm.laws.rows import OPEN
 
 CONVERGED = 1e-11  # residual over the largest force, and gap over the size of facets
@@ -50,43 +47,6 @@ TELLING = 0.3  # residual, relative, up to which the linear model tells which pa
 LANDED = 1e-5  # residual, relative, below which solves leave next to nothing
 HELPED, LESS = 0.5, 0.1  # where it has not brought the residual down by as much: only below a tenth
 CUTS = 8  # of a change that turns elements inside out
-FLIES = 1e6  # cells, by which no body moves in an iteration that something holds
-
-
-class StepFailed(ContactError):
-    """Newton's iteration has failed; the text says how. Raised on all ranks together."""
-
-
-@contextmanager
-def failing() -> Iterator[None]:
-    """What cannot be evaluated or solved ends the iteration, not the load step."""
-    try:
-        yield
-    except NoOption:  # smaller increments are of no help
-        raise
-    except (np.linalg.LinAlgError, ContactError) as error:
-        raise StepFailed(str(error)) from None
-
-
-def _inside_out(comm: MPI.Comm, body: Array, du: Array) -> StepFailed:
-    """For a residual (n_local,) that is not finite after the smallest change tried; collective."""
-    numbers = float((~np.isfinite(body)).sum()), float(np.abs(du).max(initial=0.0))
-    every = np.array(comm.allgather(numbers))
-    return StepFailed(
-        f"elements turn inside out: {every[:, 0].sum():.0f} entries of the residual are no finite "
-        f"numbers after a change of u by up to {every[:, 1].max():.3g}"
-    )
-
-
-def _check_solution(comm: MPI.Comm, du: Array, dq: Array, size: float) -> None:
-    """Require changes of this rank's u (n_local,) and of own unknowns that are numbers, and that of
-    u no larger than held bodies of cells of a size [length] move; collective."""
-    finite = np.isfinite(du).all() and np.isfinite(dq).all()
-    if not comm.allreduce(bool(finite), op=MPI.LAND):
-        raise StepFailed("the linear solver gives no finite numbers")
-    far = comm.allreduce(float(np.abs(du).max(initial=0.0)), op=MPI.MAX)
-    if far > FLIES * size:
-        raise StepFailed(f"a body flies away, by {far:.2g} in an iteration: nothing holds it")
 
 
 def _push(total: Array, at: Array, force: Array) -> None:
@@ -240,7 +200,7 @@ class Increment:
             if comm.allreduce(bool(np.isfinite(body).all()), op=MPI.LAND):
                 break
         else:
-            raise _inside_out(comm, body, cut * du)
+            raise inside_out(steps, body, cut * du)
         self.lagged = told(comm, slid(steps, self.terms, cut * du) > SLIDES * steps.size)
         self.u, self._body = self.u + cut * du, body
         self.own = [q + cut * d for q, d in zip(self.own, changes, strict=True)]
@@ -256,7 +216,7 @@ class Increment:
         with steps.times.timed("factorisation"), failing():
             exact = (self.lagged or self.error > LANDED) and lands(self.held)
             du, dq = steps.system.solve(K, self.terms, self.loads, r, self.u, self.error, exact)
-        _check_solution(self.dofs.comm, du, dq, steps.bodies.size)
+        self.far = check_solution(steps, du, dq)  # how far the iteration moves nodes [length]
         return du, np.split(dq, np.cumsum([len(q) for q in self.own])[:-1]) if self.own else []
 
     def _foresee(self, du: Array, changes: list[Array], exchanges: Exchanges) -> bool:

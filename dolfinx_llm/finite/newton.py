@@ -13,7 +13,8 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress, tell_iteration
 from dolfinx_llm.base.parallel import collective
-from dolfinx_llm.finite.increment import Increment, StepFailed, failing
+from dolfinx_llm.finite.failures import Going, NothingHolds, StepFailed, failing, where
+from dolfinx_llm.finite.increment import Increment
 from dolfinx_llm.finite.load_step import Bodies, Equations, LoadStep, NewtonState
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstacleFriction
 from dolfinx_llm.finite.obstacles.pressed_obstacle import Pressed
@@ -72,6 +73,7 @@ class NewtonSteps:
         self._left = [np.zeros(1, dtype=bool)] * len(self.equations.interfaces)
         self._slid: list[Any] = [None] * len(self.equations.interfaces)
         done, part, smallest = 0.0, 1.0 / increments, 2.0**-HALVINGS / increments
+        unheld = False
         with progress(None, "load step") as bar:
             while done < 1.0 - 1e-12:
                 end = 1.0 if done + part > 1.0 - 1e-12 else done + part
@@ -81,8 +83,10 @@ class NewtonSteps:
                 except StepFailed as failed:
                     _check_start(self.equations.bodies, self._reached.u, failed)
                     part *= 0.5
+                    hopeless = unheld and isinstance(failed, NothingHolds)
+                    unheld = isinstance(failed, NothingHolds)
                     log.info("increment to %.4g failed: %s; halved", end, failed)
-                    if part < smallest:
+                    if part < smallest or hopeless:
                         raise ContactError(
                             f"Newton's iteration fails at {done:.4g} of the load step, also with "
                             f"increments of {2.0 * part:.2g} of it: {failed}. The state at "
@@ -113,7 +117,7 @@ class NewtonSteps:
             run, rests = self._begun(step, end)
             if run.turned:
                 K.destroy()
-            before = [t.place for t in run.terms]
+            before, going = [t.place for t in run.terms], Going()
             for iteration in range(1, NEWTON_ITERATIONS + 1):
                 if not rests:
                     run.iterate(None if run.turned or iteration > 1 else K)
@@ -127,10 +131,12 @@ class NewtonSteps:
                     slips = [self._slip(i, run, start.status[i]) for i in range(len(run.terms))]
                     self.slips = slips
                     return replace(_state(run), status=start.status) if rests else _state(run)
+                going.check(self.equations, run.far, run.changes, run.error, _left(run))
         finally:
             K.destroy()  # where no iteration has
         raise StepFailed(
-            f"no convergence in {NEWTON_ITERATIONS} iterations, residual {run.error:.1e}"
+            f"no convergence in {NEWTON_ITERATIONS} iterations, residual {run.error:.1e}, the "
+            f"largest {where(self.equations, _left(run))}"
         )
 
     def _begun(self, step: LoadStep, end: float) -> tuple[Increment, bool]:
@@ -242,6 +248,11 @@ def _check_start(bodies: Bodies, u: Array, failed: StepFailed) -> None:
             f"{first}; Newton's iteration fails from there: {failed}. Give u a displacement that "
             "turns none, as 0, or check how the mesh was moved"
         ) from None
+
+
+def _left(run: Increment) -> Array:
+    """(n_local,) sizes of the residual that is left [force]."""
+    return np.where(run.fixed, 0.0, np.abs(run.r))
 
 
 def _state(run: Increment) -> NewtonState:

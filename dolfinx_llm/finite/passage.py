@@ -223,10 +223,8 @@ def check_held(contact: MovingContact, after: ContactTerms) -> None:
         return
     worst = int(off.argmax())
     x = contact.sides.split(after.place.z)[0][worst] + mover.origin
-    names = [surface.name for surface in contact.sides.surfaces]
-    names += [type(contact.obstacle).__name__] if isinstance(contact, ObstacleContact) else []
     raise ContactError(
-        f"supports hold both sides at {far.sum()} node(s) between {' and '.join(names)}, "
+        f"supports hold both sides at {far.sum()} node(s) between {contact.named}, "
         f"{'in each other' if contact.parts else 'torn apart'} by up to {off[worst]:.3g}, there at "
         f"{checks.place(x)}, and no force of contact moves them. Leave the motion of one side free "
         "there, or prescribe another one"

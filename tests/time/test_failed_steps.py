@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.finite.increment import StepFailed
+from dolfinx_llm.finite.failures import StepFailed
 from dolfinx_llm.finite.newton import NewtonSteps
 
 COMM = MPI.COMM_SELF

@@ -126,6 +126,10 @@ class ObstacleContact(Slides):
         """(size,) ranks that own the unknowns."""
         return self.sides.surfaces[0].owner
 
+    @property
+    def named(self) -> str:
+        return f"{super().named} and {type(self.obstacle).__name__}"
+
     @cached_property
     def rise(self) -> Array:
         """(n,) ``rises`` of the surface [length]."""

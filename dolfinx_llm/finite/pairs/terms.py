@@ -103,6 +103,11 @@ class MovingContact:
     sides: Any  # its surfaces: ``Sides``, or ``OneSide``
 
     @property
+    def named(self) -> str:
+        """What touches."""
+        return " and ".join(surface.name for surface in self.sides.surfaces)
+
+    @property
     def overlaps(self) -> bool:
         """Whether surfaces may overlap under its forces."""
         return False

@@ -1,0 +1,114 @@
+"""How Newton's iteration fails in an increment, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from dolfinx_llm.base import checks
+from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.finite.load_step import Equations
+from dolfinx_llm.forms.options import NoOption
+
+NO_MOTION = 1e-12  # of a cell: motion in an iteration that is none
+WAITS_STILL = 2  # iterations without any, after which there will be none
+LEFT_OVER = 1e-6  # relative residual that is not rounding
+FLIES = 1e6  # cells, by which no body moves in an iteration that something holds
+
+
+class StepFailed(ContactError):
+    """Newton's iteration has failed; the text says how. Raised on all ranks together."""
+
+
+class NothingHolds(StepFailed):
+    """No motion balances what is left: smaller increments are hardly of help."""
+
+
+@contextmanager
+def failing() -> Iterator[None]:
+    """What cannot be evaluated or solved ends the iteration, not the load step."""
+    try:
+        yield
+    except NoOption:  # smaller increments are of no help
+        raise
+    except (np.linalg.LinAlgError, ContactError) as error:
+        raise StepFailed(str(error)) from None
+
+
+def where(steps: Equations, sizes: Array) -> str:
+    """The node, as drawn, with the largest of the sizes (n_local,) of this rank's dofs, and the
+    interface next to it; collective."""
+    dofs, found = steps.bodies.dofs, (-1.0, list[float]())
+    of_nodes = sizes[dofs.of_nodes].reshape(-1, dofs.components).max(axis=1)
+    if len(of_nodes):
+        largest = int(of_nodes.argmax())
+        found = float(of_nodes[largest]), dofs.points[largest].tolist()
+    x = np.array(max(dofs.comm.allgather(found))[1])
+    text, near = f"at the node drawn at {checks.place(x)}", np.inf
+    for placed in steps.interfaces:
+        drawn = placed.drawn.reshape(-1, len(x)) + placed.what.sides.surfaces[0].origin
+        distance = float(np.linalg.norm(drawn - x, axis=1).min())
+        if distance < near:
+            near, next_to = distance, f", next to the interface between {placed.what.named}"
+    return text + (next_to if np.isfinite(near) else "")
+
+
+def inside_out(steps: Equations, body: Array, du: Array) -> StepFailed:
+    """For a residual (n_local,) that is not finite after the smallest change tried; collective."""
+    comm, wrong = steps.bodies.dofs.comm, ~np.isfinite(body)
+    every = np.array(comm.allgather((float(wrong.sum()), float(np.abs(du).max(initial=0.0)))))
+    return StepFailed(
+        f"elements turn inside out: {every[:, 0].sum():.0f} entries of the residual are no finite "
+        f"numbers after a change of u by up to {every[:, 1].max():.3g}, the first "
+        f"{where(steps, wrong.astype(float))}"
+    )
+
+
+def check_solution(steps: Equations, du: Array, dq: Array) -> float:
+    """Require changes of this rank's u (n_local,) and of own unknowns that are numbers, and that of
+    u no larger than held bodies move, which is returned; collective."""
+    comm = steps.bodies.dofs.comm
+    finite = np.isfinite(du).all() and np.isfinite(dq).all()
+    if not comm.allreduce(bool(finite), op=MPI.LAND):
+        raise StepFailed("the linear solver gives no finite numbers")
+    far = comm.allreduce(float(np.abs(du).max(initial=0.0)), op=MPI.MAX)
+    if far > FLIES * steps.bodies.size:
+        raise StepFailed(
+            f"a body flies away, by {far:.2g} in an iteration, {where(steps, np.abs(du))}: "
+            "nothing holds it"
+        )
+    return far
+
+
+@dataclass
+class Going:
+    """Whether iterations still move anything. Where a system is singular, solvers may leave out
+    what nothing holds: forces are left then, and further iterations are the same."""
+
+    still: int = 0  # iterations on end in which nothing has moved or changed
+
+    def check(self, steps: Equations, far: float, changes: int, error: float, left: Array) -> None:
+        """Require that forces are left that a motion balances; after each iteration, collective.
+
+        Args:
+            steps: what is solved.
+            far: how far the iteration has moved nodes [length].
+            changes: pairs that have opened or closed in it.
+            error: the relative residual.
+            left: (n_local,) sizes of it at this rank's dofs [force].
+
+        Raises:
+            NothingHolds: there are others.
+        """
+        at_rest = far < NO_MOTION * steps.bodies.size and not changes
+        self.still = self.still + 1 if at_rest else 0
+        if self.still >= WAITS_STILL and error > LEFT_OVER:
+            raise NothingHolds(
+                f"no motion balances forces that are left, residual {error:.1e}, the largest "
+                f"{where(steps, left)}: nothing holds a body there"
+            )

@@ -1,0 +1,48 @@
+"""What is said of load steps that no equilibrium ends, and how soon."""
+
+import finite_patch
+import numpy as np
+import pytest
+import test_finite_deformation as fd
+import ufl
+from dolfinx import fem
+
+import dolfinx_llm as llm
+from dolfinx_llm import compat
+
+
+def two(shift, load=(0.0, 0.0), degree=1, top=None, cells=(4, 4)):
+    """Two blocks under a body force, of which the lower one is held; the motion of the top, or
+    None."""
+    domain, tags = fd.blocks(cells, (1.0, 0.6), shift=shift)
+    V = compat.function_space(domain, degree=degree, shape=(2,))
+    u, bcs = fem.Function(V), []
+    F = finite_patch.residual(u, *finite_patch.lame(100.0, 0.3), degree)
+    F -= ufl.inner(fem.Constant(domain, load), ufl.TestFunction(V)) * ufl.dx
+    for tag, motion in ((fd.BOTTOM, (0.0, 0.0)), *([(fd.TOP, top)] if top else [])):
+        dofs = fem.locate_dofs_topological(V, 1, tags.indices[tags.values == tag])
+        bcs.append(fem.dirichletbc(np.array(motion), dofs, V))
+    interface = llm.Interface(tags, (fd.LOW, fd.HIGH), law=llm.Frictionless())
+    return llm.NonlinearContactProblem(F, u, bcs=bcs, interfaces=interface)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_nothing_holds_a_body(degree):
+    """It lies beside what it is to touch. At second order the solver leaves out its rigid motions:
+    225 iterations changed nothing before the error."""
+    problem = two(1.3, (0.0, -1.0), degree)
+    with pytest.raises(llm.ContactError, match=r"at the node drawn at \[[^]]*\], next to") as error:
+        problem.solve()
+    said = str(error.value)
+    assert "the interface between tag 2 and tag 3: nothing holds" in said
+    x = np.array(said.split("drawn at [")[1].split("]")[0].split(","), dtype=float)
+    assert 1.3 - 1e-9 < x[0] < 2.0 and 1.0 - 1e-9 < x[1] < 2.0
+    assert len(problem.history) <= 40
+
+
+def test_a_body_is_pushed_through_another(monkeypatch):
+    """The error says where most is left, and next to which interface."""
+    monkeypatch.setattr("dolfinx_llm.finite.newton.HALVINGS", 1)
+    problem = two(0.17, top=(0.0, -3.0), cells=(2, 3))
+    with pytest.raises(llm.ContactError, match="drawn at .*the interface between tag 2 and tag 3"):
+        problem.solve()
