@@ -230,7 +230,8 @@ class Search:
         if self._number > 1 and now.changes and now.miss > 0.9 * self._before:
             ahead = 0.5 * (force + ahead[0]), 0.5 * (slid + ahead[1])
         self._about, self._without_friction.now = ahead, False
-        self._first &= bool(now.result.wrong.any()) and self._number < MEETING_ENDS
+        known = self._number >= MEETING_ENDS or not now.result.wrong.any()
+        self._first &= not known and self._history[-1]["stick"] > self._history[-1]["slip"]
         self._calm, self._before = (0, np.inf) if released else (self._calm, now.miss)
         # From then on the frame goes on from where it is, and what no force holds stays.
         if self._calm > 0 and not self._calmed:
