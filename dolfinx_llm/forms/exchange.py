@@ -124,7 +124,7 @@ class WholeSteps(StepForm):
             multiplier[pairs] = np.where(opens, 0.0, forces)
             found = self.result(step, u, multiplier, w, active)
             level = step.level(multiplier, found.y, self.scale)
-            if corrected or np.abs(left).max() <= WholeSteps.accuracy * level:
+            if corrected or np.abs(left).max() <= SIGN * level:
                 break
             correction = partial(np.linalg.solve, among, left)
             forces = forces - chosen(self.operators.comm, correction)
