@@ -85,6 +85,15 @@ def check_solution(steps: Equations, du: Array, dq: Array) -> float:
     return far
 
 
+def unbalanced(steps: Equations, error: float, left: Array) -> NothingHolds:
+    """For a relative residual that no motion balances, of sizes left (n_local,) at this rank's dofs
+    [force]; collective."""
+    return NothingHolds(
+        f"no motion balances forces that are left, residual {error:.1e}, the largest "
+        f"{where(steps, left)}: nothing holds a body there"
+    )
+
+
 @dataclass
 class Going:
     """Whether iterations still move anything. Where a system is singular, solvers may leave out
@@ -92,23 +101,13 @@ class Going:
 
     still: int = 0  # iterations on end in which nothing has moved or changed
 
-    def check(self, steps: Equations, far: float, changes: int, error: float, left: Array) -> None:
-        """Require that forces are left that a motion balances; after each iteration, collective.
+    def stopped(self, far: float, changes: int, error: float) -> bool:
+        """See another iteration that has not come to rest: whether none will.
 
         Args:
-            steps: what is solved.
-            far: how far the iteration has moved nodes [length].
+            far: how far it has moved nodes, over the size of cells.
             changes: pairs that have opened or closed in it.
             error: the relative residual.
-            left: (n_local,) sizes of it at this rank's dofs [force].
-
-        Raises:
-            NothingHolds: there are others.
         """
-        at_rest = far < NO_MOTION * steps.bodies.size and not changes
-        self.still = self.still + 1 if at_rest else 0
-        if self.still >= WAITS_STILL and error > LEFT_OVER:
-            raise NothingHolds(
-                f"no motion balances forces that are left, residual {error:.1e}, the largest "
-                f"{where(steps, left)}: nothing holds a body there"
-            )
+        self.still = self.still + 1 if far < NO_MOTION and not changes else 0
+        return self.still >= WAITS_STILL and error > LEFT_OVER

@@ -141,17 +141,19 @@ def chosen_at(
     """What interfaces, and follower loads, hold in an increment from a state to poses of obstacles.
     It is found on rank 0: what is covered by rounding alone is so on all, or on none. Collective.
     """
-    every, dofs = [*steps.interfaces, *steps.followers], steps.bodies.dofs
-    now = [placed.at(dofs, good.u) for placed in every]
-    found, n = list[Any](), len(steps.interfaces)
-    for i, (placed, z) in enumerate(zip(every, now, strict=True)):
-        of = (z,) if i < n else (z, touching_of(placed, steps.interfaces, good.status))
-        found.append(chosen(dofs.comm, partial(placed.what.hold, *of)))
+    dofs, found, faces = steps.bodies.dofs, list[Any](), list[Any]()
+    for placed in steps.interfaces:
+        hold = partial(placed.what.hold, placed.at(dofs, good.u))
+        found.append(chosen(dofs.comm, hold))
+    for load in steps.followers:
+        closed = touching_of(load, steps.interfaces, good.status)
+        covering = partial(load.what.hold, load.at(dofs, good.u), closed)
+        faces.append(chosen(dofs.comm, covering))
     held = [
         replace(own, pose=pose, pose_before=before, kept=kept, scale=steps.scale)
         for own, pose, before, kept in zip(found, poses, good.poses, good.kept)
     ]
-    return held, found[len(held) :]
+    return held, faces
 
 
 def touching_of(load: Placed, interfaces: Sequence[Placed], status: Sequence[Any]) -> Array:

@@ -13,7 +13,14 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress, tell_iteration
 from dolfinx_llm.base.parallel import collective
-from dolfinx_llm.finite.failures import Going, NothingHolds, StepFailed, failing, where
+from dolfinx_llm.finite.failures import (
+    Going,
+    NothingHolds,
+    StepFailed,
+    failing,
+    unbalanced,
+    where,
+)
 from dolfinx_llm.finite.increment import Increment
 from dolfinx_llm.finite.load_step import Bodies, Equations, LoadStep, NewtonState
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstacleFriction
@@ -73,7 +80,7 @@ class NewtonSteps:
         self._left = [np.zeros(1, dtype=bool)] * len(self.equations.interfaces)
         self._slid: list[Any] = [None] * len(self.equations.interfaces)
         done, part, smallest = 0.0, 1.0 / increments, 2.0**-HALVINGS / increments
-        unheld = False
+        unheld = False  # nothing held a body in the last increment tried
         with progress(None, "load step") as bar:
             while done < 1.0 - 1e-12:
                 end = 1.0 if done + part > 1.0 - 1e-12 else done + part
@@ -96,7 +103,7 @@ class NewtonSteps:
                             "there, or take steps in time"
                         ) from None
                 else:
-                    done, part = end, min(2.0 * part, 1.0 / increments)
+                    done, part, unheld = end, min(2.0 * part, 1.0 / increments), False
                     yield self._reached
         self._say_left()
         self._say_leapt()
@@ -131,7 +138,8 @@ class NewtonSteps:
                     slips = [self._slip(i, run, start.status[i]) for i in range(len(run.terms))]
                     self.slips = slips
                     return replace(_state(run), status=start.status) if rests else _state(run)
-                going.check(self.equations, run.far, run.changes, run.error, _left(run))
+                if going.stopped(run.far / self.equations.bodies.size, run.changes, run.error):
+                    raise unbalanced(self.equations, run.error, _left(run))
         finally:
             K.destroy()  # where no iteration has
         raise StepFailed(

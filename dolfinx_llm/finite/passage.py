@@ -23,12 +23,12 @@ from dolfinx_llm.finite.pairs.terms import ContactTerms, MovingContact, Place
 from dolfinx_llm.geometry.cells import areas_around, cell_sizes, outline_edges
 from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.interface.against import checked_clearance
+from dolfinx_llm.interface.supports import HELD_IN
 
 AHEAD = 0.5  # of a facet: no deeper lies what is in front of the frame at first
 THROUGH = 1.0  # of a facet: deeper lies what has gone through it
 BORE = 1e-9  # of the largest force, below which there is none
 INTO = 0.2  # of a facet: no deeper in an obstacle has been what has not gone through it
-HELD_OFF = 1e-2  # of a facet, by which supports may hold bodies in each other, as chords do
 FINE = 0.1  # of a facet, by which nodes move between the states looked at beside obstacles
 STRIDE = 0.5  # of a facet, at most, by which nodes move between the states looked at
 LOOKED_AT = 100  # states, at most: bodies that go farther are looked at more seldom
@@ -218,7 +218,7 @@ def check_held(contact: MovingContact, after: ContactTerms) -> None:
             same on every rank.
     """
     off, mover = contact.astray(after.place, after.status), contact.sides.mover
-    far = off > HELD_OFF * mover.facet_size
+    far = off > HELD_IN * mover.facet_size
     if not far.any():
         return
     worst = int(off.argmax())

@@ -96,8 +96,12 @@ def frame_between(nodes: tuple[Array, Array], meets: Sequence[tuple[Array, Array
         nodes: (n,) numbers of the nodes of each.
         meets: per interface (n,) those of its moving side, and (m,) of its frame.
     """
-    shared = [[np.isin(own, on).sum() for own in nodes for on in sides] for sides in meets]
-    on_other, on_first = (sum(min(s[k], s[3 - k]) for s in shared) for k in (0, 1))
+
+    def met(moving: Array, frame: Array) -> int:
+        """How many nodes the moving sides and frames of interfaces share with these two."""
+        return sum(min(np.isin(moving, m).sum(), np.isin(frame, f).sum()) for m, f in meets)
+
+    on_other, on_first = met(*nodes), met(*nodes[::-1])
     return int(on_other >= on_first) if on_other or on_first else None
 
 

@@ -117,12 +117,12 @@ class WholeSteps(StepForm):
         for corrected in (False, True):
             df, dg, drhs = self._loads(step, pairs, forces)
             loads = f + df, step.g + dg, step.rhs + drhs
-            u, multiplier, w = made.ask(*loads, step.about)
-            gap = step.L[pairs] @ w - self.motion(u)[pairs] - step.g[pairs]
-            gap += step.compliance[pairs] * forces
-            left = np.where(opens, multiplier[pairs], self.scale * gap)
+            u, asked, w = made.ask(*loads, step.about)
+            multiplier = asked.copy()
             multiplier[pairs] = np.where(opens, 0.0, forces)
             found = self.result(step, u, multiplier, w, active)
+            left = self._signs(step, pairs, asked, found.y, w, step.g)
+            left += np.where(opens, 0.0, self.scale * step.compliance[pairs] * forces)
             level = step.level(multiplier, found.y, self.scale)
             if corrected or np.abs(left).max() <= SIGN * level:
                 break
@@ -151,6 +151,14 @@ class WholeSteps(StepForm):
         pushed = times(operators.B, closing[operators.rows.numbering.mine])
         return -pushed, opening, -(step.E @ closing)
 
+    def _signs(
+        self, step: LinearStep, rows: Array, force: Array, y: Array, w: Array, g: Array
+    ) -> Array:
+        """What must not be negative at rows, of a solution for gaps g: forces in contact, gaps
+        times c elsewhere."""
+        gap = step.L[rows] @ w - y[rows] - g[rows]
+        return np.where(step.active[rows], force[rows], self.scale * gap)
+
     def _choose(
         self, made: SetUp, step: LinearStep, found: StepResult
     ) -> tuple[Array, Array, Array]:
@@ -162,12 +170,7 @@ class WholeSteps(StepForm):
         on = step.active[rows]
         band = SIGN * step.level(found.multiplier, found.y, self.scale)
 
-        def signs(multiplier: Array, y: Array, w: Array, g: Array) -> Array:
-            """What must not be negative: forces in contact, gaps times c elsewhere."""
-            gap = step.L[rows] @ w - y[rows] - g[rows]
-            return np.where(on, multiplier[rows], self.scale * gap)
-
-        now = signs(found.multiplier, found.y, found.w, step.g)
+        now = self._signs(step, rows, found.multiplier, found.y, found.w, step.g)
         pairs, new = np.empty(0, dtype=np.int64), np.flatnonzero(found.wrong)
         answers: list[Array] = []
         change, forces = np.zeros(0, dtype=bool), np.zeros(0)
@@ -175,7 +178,7 @@ class WholeSteps(StepForm):
             for p in new:
                 load = self._loads(step, np.array([p]), np.ones(1))
                 u, force, motion = made.ask(*load)
-                column = signs(force, self.motion(u), motion, load[1])
+                column = self._signs(step, rows, force, self.motion(u), motion, load[1])
                 column[place[p]] += 0.0 if on[place[p]] else self.scale * step.compliance[p]
                 answers.append(column)
             pairs = np.concatenate([pairs, new])
@@ -185,9 +188,8 @@ class WholeSteps(StepForm):
             except np.linalg.LinAlgError:  # forces that nothing determines: all wrong ones change
                 return pairs[:0], forces[:0], np.zeros((0, 0))
             new = rows[after < -band]
-        at = place[pairs[change]]
-        among = np.array(answers)[change][:, at].T if len(at) else np.zeros((0, 0))
-        return pairs[change], forces[change], among
+        columns = np.reshape(answers, (len(pairs), len(rows)))[change]
+        return pairs[change], forces[change], columns[:, place[pairs[change]]].T
 
     def destroy(self) -> None:
         """See ``StepForm``."""

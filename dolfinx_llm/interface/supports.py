@@ -20,6 +20,7 @@ from dolfinx_llm.interface.site import Site
 ACROSS = 1e-6  # direction cosine with the normal up to which a dof lies in the contact plane
 FINER = 0.9  # distance of a tool's nodes over the other's, below which it is the finer one
 NODES_ACROSS = 4  # nodes of the other side over a flat tool, in each direction
+HELD_IN = 1e-2  # of a facet's size, by which supports may hold bodies in each other, as chords do
 NEXT_TO = 1e-3  # the same of normals at planes of symmetry, as meshes tell them
 
 

@@ -49,6 +49,14 @@ class Forecast:
         own = np.asarray(L.power(2).sum(axis=1) - 0.5 * squares.sum(axis=1)).ravel() > 0.0
         return Forecast(L, np.where(own, self.k, 0.0), self.press, self.hold[at], self.w[at]), at
 
+    def borne(self, force: Array) -> Array:
+        """(m,) Lᵀ λ of the rows that may change [force].
+
+        Args:
+            force: (n,) λ [force].
+        """
+        return np.asarray(self.L.T @ np.where(self.k > 0.0, force, 0.0))
+
     def pressing(self, force: Array, position: Array, loads: Array | None = None) -> Array:
         """(n,) rows of ``press`` with λ' > 0.
 
@@ -57,7 +65,7 @@ class Forecast:
             position: (n,) y + g there [length].
             loads: what Lᵀ λ' is for the last columns of L, where the guess does not tell [force].
         """
-        target = self.L.T @ np.where(self.k > 0.0, force, 0.0)
+        target = self.borne(force)
         if loads is not None and len(loads):
             target[-len(loads) :] = loads
         return self.settled(force, position, target)[0]
@@ -69,7 +77,8 @@ class Forecast:
             force, position: as of ``pressing``.
             target: (m,) Lᵀ λ' but for what holds the frame [force].
         """
-        force, untold = np.where(self.k > 0.0, force, 0.0), np.where(self.k > 0.0, 0.0, force)
+        told = self.k > 0.0
+        force, untold = np.where(told, force, 0.0), np.where(told, 0.0, force)
         pull = force + self.k * position
         used = self.L.multiply(self.k[:, None]).tocsc()
         fit = used.T @ self.L + HOLDS[-1] * self.k.mean() * identity(used.shape[1])

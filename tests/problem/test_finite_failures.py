@@ -9,6 +9,8 @@ from dolfinx import fem
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
+from dolfinx_llm.finite.failures import NothingHolds
+from dolfinx_llm.finite.newton import NewtonSteps
 
 
 def two(shift, load=(0.0, 0.0), degree=1, top=None, cells=(4, 4)):
@@ -40,6 +42,23 @@ def test_nothing_holds_a_body(degree):
     assert (low - 1e-9 < x).all() and (x < high + 1e-9).all()  # may be: the motion is rigid
     if degree == 2:  # at first order rounding moves the body, up to 1e9 in the end
         assert len(problem.history) <= 40
+
+
+def test_halves_that_succeed_are_tried_again(monkeypatch):
+    """Increments grow again after one that succeeds: a failure at the old size is not the second
+    one in a row."""
+    lengths, increment = [], NewtonSteps._increment
+
+    def short(newton, step, end, bar):
+        lengths.append(end - sum(done for done, ok in lengths if ok))
+        lengths[-1] = lengths[-1], lengths[-1] < 0.4
+        if not lengths[-1][1]:
+            raise NothingHolds("longer than 0.4")
+        return increment(newton, step, end, bar)
+
+    monkeypatch.setattr(NewtonSteps, "_increment", short)
+    two(0.17, top=(0.0, -0.05), cells=(2, 3)).solve(increments=2)
+    assert [ok for _, ok in lengths] == [False, True, False, True, False, True, True]
 
 
 def test_a_body_is_pushed_through_another(monkeypatch):

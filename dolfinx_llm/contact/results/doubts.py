@@ -15,6 +15,7 @@ from dolfinx_llm.contact.search.flickering import lost
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.control import of_control_values
 from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.interface.supports import HELD_IN
 from dolfinx_llm.interface.tool_forces import check_beside
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
@@ -27,7 +28,6 @@ UNEVEN = 2.0  # friction of a side's nodes over that of the law's, where all sli
 CARRIES = 1e-10  # of the largest force in the load step: an interface with less carries none
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
 UNCERTAIN = 0.2  # part of the bodies' motion to which gaps must be known
-HELD_IN = 1e-2  # of a facet's size, by which supports may hold bodies in each other, as chords do
 NEARER = 1e-9  # of the surface's size: gaps that fall by less do not close
 
 

@@ -37,8 +37,7 @@ def let_go(equations: Equations, step: LinearStep, share: float, now: Iterate, f
     loses = now.drawn > SPARED and step.may_open.any()
     operators, m = equations.operators, len(now.w)
     rubs = any(s.law.slips and not s.law.follows for s in equations.states)
-    given = step.compliance.max(initial=0.0) * operators.scale
-    gives = given > (10.0 * SOFT if rubs else 0.0)
+    gives = step.compliance.max(initial=0.0) * operators.scale > (10.0 * SOFT if rubs else 0.0)
     if not loses or gives or not (step.symmetric or rubs):
         return now.w
     forecast = forecast_of(step, row_stiffness(operators), now.result)
@@ -52,7 +51,7 @@ def let_go(equations: Equations, step: LinearStep, share: float, now: Iterate, f
         if (at >= equations.n_v).any():  # jumps that a law gives way by
             return now.w
         left = equations.L_t @ equations.with_supports(now.multiplier, now.w) - equations.loads
-        target = forecast.L.T @ np.where(forecast.k > 0.0, now.multiplier, 0.0) - left[at]
+        target = forecast.borne(now.multiplier) - left[at]
     settled = partial(forecast.settled, now.multiplier, now.position, target)
     pressing, found = chosen(operators.comm, settled)
     w = now.w.copy()

@@ -84,7 +84,7 @@ class Search:
         self._pressed = max(pressed, np.abs(equations.loads).max(initial=0.0))
         self._history, self._began, self._bar = history, len(history), bar
         self._known = start.w is not None  # there has been a load step
-        self._first = not self._known  # ... not: first it is found which pairs touch
+        self._first = not self._known  # it is being found which pairs touch at all
         w = start.w if self._known else np.zeros(equations.m)
         multiplier = start.multiplier if self._known else np.zeros(equations.n)
         self._about = multiplier, w  # of which laws are linearised
@@ -168,7 +168,7 @@ class Search:
             slid = self._without_friction.slips(position, multiplier, w)
         changes = sum(take_over(s, equations, found, self._calmed) for s in self._states)
         for s in self._states if self._first else ():
-            s.own.closings[:] = 0  # what comes and goes by then does so for other reasons
+            s.own.closings[:] = 0  # that pairs come and go by then tells nothing of friction
         missed = equations.miss(multiplier, w)
         judged = told(self._comm, (changes, missed / largest, drawn / largest))
         self._runs = self._runs + 1 if (lost := runaway(equations, multiplier)) else 0
@@ -230,8 +230,8 @@ class Search:
         if self._number > 1 and now.changes and now.miss > 0.9 * self._before:
             ahead = 0.5 * (force + ahead[0]), 0.5 * (slid + ahead[1])
         self._about, self._without_friction.now = ahead, False
-        known = self._number >= MEETING_ENDS or not now.result.wrong.any()
-        self._first &= not known and self._history[-1]["stick"] > self._history[-1]["slip"]
+        met = self._number >= MEETING_ENDS or not now.result.wrong.any()
+        self._first &= not met and self._history[-1]["stick"] > self._history[-1]["slip"]
         self._calm, self._before = (0, np.inf) if released else (self._calm, now.miss)
         # From then on the frame goes on from where it is, and what no force holds stays.
         if self._calm > 0 and not self._calmed:
