@@ -17,6 +17,7 @@ from dolfinx_llm.base.sparse import per_component
 from dolfinx_llm.finite.frame.areas import everything, surface_integrals
 from dolfinx_llm.finite.frame.covered import Covered
 from dolfinx_llm.finite.frame.location import INSIDE
+from dolfinx_llm.finite.frame.self_sides import SelfSides
 from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface, check_facet_tags
@@ -45,7 +46,7 @@ class FreeSurfacePressure:
         p: pressure, positive when it presses on the body [force / area]: a number, or a Constant,
             whose value may change between load steps.
         covered_by: (facet tags, tag) of a surface that may cover part of it, as contact of an
-            interface between both tells; or None.
+            interface between both tells, or the same surface with ``SelfContact``; or None.
         thickness: of bodies in the plane, as of ``Interface`` [length].
 
     Raises:
@@ -89,20 +90,39 @@ class FreeSurfacePressure:
         return [(self.facet_tags, self.tag), *other]
 
 
-def frame_between(nodes: tuple[Array, Array], meets: Sequence[tuple[Array, Array]]) -> int | None:
-    """Which of two surfaces carries the frame; None: no interface is between both.
+def sides_between(
+    surfaces: Sequence[Surface], nodes: tuple[Array, Array], meets: Sequence[tuple[Array, Array]]
+) -> Sides | None:
+    """A loaded surface and what may cover it, as contact has them; None: no interface is between.
 
     Args:
+        surfaces: both, as drawn; of one that meets itself twice the same.
         nodes: (n,) numbers of the nodes of each.
         meets: per interface (n,) those of its moving side, and (m,) of its frame.
+
+    Raises:
+        ContactInputError: they are not the same, and have facets in common.
     """
 
     def met(moving: Array, frame: Array) -> int:
         """How many nodes the moving sides and frames of interfaces share with these two."""
         return sum(min(np.isin(moving, m).sum(), np.isin(frame, f).sum()) for m, f in meets)
 
+    facets = [np.sort(n[s.facets], axis=1) for n, s in zip(nodes, surfaces, strict=True)]
+    _, count = np.unique(np.concatenate(facets), axis=0, return_counts=True)
+    common = int((count > 1).sum())
+    if 0 < common and not len(facets[0]) == common == len(facets[1]):
+        raise ContactInputError(
+            f"FreeSurfacePressure: {surfaces[0].name} and {surfaces[1].name} have {common} facets "
+            "in common: load and cover the whole of a surface that meets itself, or parts of it "
+            "that have none in common"
+        )
     on_other, on_first = met(*nodes), met(*nodes[::-1])
-    return int(on_other >= on_first) if on_other or on_first else None
+    if not (on_other or on_first):
+        return None
+    if common:
+        return SelfSides.of_one(surfaces[0])
+    return Sides.of(surfaces, int(on_other >= on_first))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,14 +144,6 @@ class Follower:
     load: FreeSurfacePressure
     surfaces: Sequence[Surface]  # as drawn: the loaded one, and what may cover it
     sides: Sides | None
-
-    @classmethod
-    def of(
-        cls, load: FreeSurfacePressure, surfaces: Sequence[Surface], frame: int | None
-    ) -> Follower:
-        """The pressure on these surfaces; which of them carries the frame, if there are two."""
-        sides = None if frame is None else Sides.of(surfaces, frame)
-        return cls(load, surfaces, sides)
 
     def hold(self, z: Array, closed: Array) -> Covering | None:
         """Facets that touch in an increment that starts at coordinates z; None: it has none.
@@ -178,10 +190,12 @@ class Follower:
         x = z[: loaded.x.size].reshape(loaded.x.shape)
         free = everything(x, loaded, 0, len(z))
         if self.sides is not None and held is not None:
-            covered = self.sides.covered(z, held.facets, self.sides.moving == 0)
-            if lagged:
-                covered = Covered(covered.share, csr_matrix(covered.derivative.shape))
-            free = free.without(covered)
+            one = isinstance(self.sides, SelfSides)  # of which one part covers the other
+            for moving in (True, False) if one else (self.sides.moving == 0,):
+                covered = self.sides.covered(z, held.facets, moving)
+                if lagged:
+                    covered = Covered(covered.share, csr_matrix(covered.derivative.shape))
+                free = free.without(covered)
         vectors, derivative = surface_integrals(x, loaded, free, 0, bent=True)
         C = control_matrices(loaded)[1]
         vectors, derivative = C.T @ vectors, per_component(C, x.shape[1]).T @ derivative

@@ -28,7 +28,7 @@ from dolfinx_llm.finite.pairs.friction_contact import FrictionContact
 from dolfinx_llm.finite.pairs.normal_contact import NormalContact
 from dolfinx_llm.finite.pairs.terms import MovingContact
 from dolfinx_llm.finite.pairs.tied_contact import TiedContact
-from dolfinx_llm.finite.pressure import Follower, FreeSurfacePressure, frame_between
+from dolfinx_llm.finite.pressure import Follower, FreeSurfacePressure, sides_between
 from dolfinx_llm.finite.results import MovingInterfaceResult, moving_results
 from dolfinx_llm.finite.start_checks import check_start
 from dolfinx_llm.geometry.surface import Surface, extract_surface
@@ -253,7 +253,8 @@ def follower_of(load: FreeSurfacePressure, dofs: BodyDofs, contacts: Sequence[Pl
         contacts: the interfaces, which tell what is covered.
 
     Raises:
-        ContactInputError: none is between the surface and what may cover it.
+        ContactInputError: none is between the surface and what may cover it; these have a part of
+            their facets in common.
     """
     tagged = load.tagged()
     spaces = [space_of(tags, dofs.spaces) for tags, _ in tagged]
@@ -262,17 +263,17 @@ def follower_of(load: FreeSurfacePressure, dofs: BodyDofs, contacts: Sequence[Pl
     ]
     with collective(dofs.comm):
         surfaces[0] = surfaces[0].with_depth(load.thickness, "FreeSurfacePressure")
-    near, frame = _near(surfaces), None
+    near, sides = _near(surfaces), None
     if len(surfaces) > 1:
         nodes = dofs.of(spaces[0], surfaces[0])[:, 0], dofs.of(spaces[1], surfaces[1])[:, 0]
-        frame = frame_between(nodes, [contact.meets for contact in contacts])
-        if frame is None:
+        sides = sides_between(near, nodes, [contact.meets for contact in contacts])
+        if sides is None:
             raise ContactInputError(
                 f"FreeSurfacePressure: no interface has both {surfaces[0].name} and "
                 f"{surfaces[1].name}, and contact tells what is covered: leave covered_by out, or "
                 "give the interface between them"
             )
-    return _placed(Follower.of(load, near, frame), near, spaces, dofs)
+    return _placed(Follower(load, near, sides), near, spaces, dofs)
 
 
 def _near(surfaces: Sequence[Surface]) -> tuple[Surface, ...]:

@@ -1,19 +1,23 @@
 """A pressure that follows a surface: what covers it comes and goes; beside contact of curved
 surfaces; facets that bend."""
 
+from functools import partial
+
 import bent_rings
 import finite_patch
+import folding
 import gmsh
 import numpy as np
 import pytest
 import test_finite_deformation as fd
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 from mpi4py import MPI
 from sampling import longer
 
 import dolfinx_llm as llm
-from dolfinx_llm import compat
+from dolfinx_llm import NonlinearContactProblem, compat
+from dolfinx_llm.geometry.cells import vector_areas
 
 P = 50.0
 
@@ -157,6 +161,57 @@ def test_fluid_beside_a_round_contact(sizes, more):
         other.solve(0.1, 1e-9)
         again = other.solve(0.1, 5.0)  # rows are designed where a step starts
         assert np.abs(np.subtract(again, (missing, closed, force))).max() < 5e-3
+
+
+def folded(monkeypatch, kind, p, covering):
+    """A hairpin pressed flat under a pressure inside of it, which parts that touch may cover: its
+    problem and all displacements."""
+    domain, tags = folding.hairpin(MPI.COMM_SELF, kind=kind)
+    covered_by = (tags, folding.INSIDE) if covering else None
+    load = llm.FreeSurfacePressure(tags, folding.INSIDE, p, covered_by=covered_by)
+    loaded = partial(NonlinearContactProblem, loads=[load])
+    with monkeypatch.context() as patch:
+        patch.setattr(llm, "NonlinearContactProblem", loaded)
+        problem, jaws = folding.problem(domain, tags)
+    found = []
+    for way in (0.5, 0.8, 0.96, 1.02):
+        for jaw, side in zip(jaws, (1.0, -1.0), strict=True):
+            jaw.value = side * way
+        problem.solve()
+        found.append(problem.u.x.array.copy())
+    return problem, np.array(found)
+
+
+@pytest.mark.parametrize("kind", ["quad", longer("hex")])
+def test_a_surface_that_covers_itself(kind, monkeypatch):
+    """A pressure on both of two parts that touch does what contact that bears as much more does:
+    the same displacements, and forces of contact that differ by it."""
+    p = 0.02
+    (pressed, before), (covered, after) = (folded(monkeypatch, kind, p, c) for c in (False, True))
+    assert np.abs(after - before).max() < 1e-9
+    for less, side in zip(pressed.results[0].sides, covered.results[0].sides, strict=True):
+        touch = side.facets[(side.status > 0)[side.facets].all(axis=1)]
+        area = np.linalg.norm(vector_areas(side.x, touch), axis=1).sum()
+        added = (side.normal_force - less.normal_force).sum()
+        assert added == pytest.approx(p * area, rel=1e-3)
+    assert len({entry["part"] for entry in covered.history}) == 1
+
+
+def test_parts_of_a_surface_that_meets_itself():
+    """A cover that has a part of the loaded facets is no surface across."""
+    domain, tags = folding.hairpin(MPI.COMM_SELF)
+    legs = mesh.locate_entities_boundary(
+        domain, 1, lambda x: np.isclose(np.abs(x[1]), folding.RADIUS) & (x[0] < 1e-9)
+    )
+    legs = mesh.meshtags(domain, 1, legs, np.ones(len(legs), dtype=np.int32))
+    load = llm.FreeSurfacePressure(legs, 1, 0.1, covered_by=(tags, folding.INSIDE))
+    V = compat.function_space(domain, shape=(2,))
+    u = fem.Function(V)
+    F = finite_patch.residual(u, *finite_patch.lame(100.0, 0.3), 1)
+    with pytest.raises(llm.ContactInputError, match=f"have {len(legs.indices)} facets in common"):
+        llm.NonlinearContactProblem(
+            F, u, interfaces=[llm.SelfContact(tags, folding.INSIDE)], loads=[load]
+        )
 
 
 @pytest.mark.parametrize("gdim", [2, longer(3)])
