@@ -35,6 +35,15 @@ def free_parts(free: Array, c: int) -> Array:
     return size.ravel()
 
 
+def acting_on(dofs: Array, vectors: Array) -> csr_matrix:
+    """(k, number of dofs that they act on) vectors (k, gdim) at dofs (k, gdim) of nodes."""
+    kept = vectors != 0.0
+    row = np.broadcast_to(np.arange(len(dofs))[:, None], dofs.shape)
+    _, col = np.unique(dofs[kept], return_inverse=True)
+    entries = vectors[kept], (row[kept], col)
+    return csr_matrix(entries, (len(dofs), col.max(initial=-1) + 1))
+
+
 def without_rounding(D: csr_matrix) -> csr_matrix:
     """The same, but for entries that bind no rows together."""
     D = D.copy()

@@ -7,7 +7,8 @@ from scipy.sparse import block_diag, csr_matrix, hstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.pairs import ContactPairs
-from dolfinx_llm.operators.prescribed import ColumnSpace, pieces
+from dolfinx_llm.operators.guides import Guides
+from dolfinx_llm.operators.prescribed import ColumnSpace, acting_on, pieces
 from dolfinx_llm.operators.system import ContactOperators
 
 Felt = Callable[[Array, float], csr_matrix]
@@ -34,7 +35,8 @@ def with_reactions(
     which those that may open press, these are the nearest to what bodies pass on: in ties alone the
     density of the nodes next to them, so that a constant one is found; at other nodes held
     f - K u (n_local,), in equal parts where interfaces share a node; else zero, which leads to the
-    smallest forces. Those against obstacles stay as they are.
+    smallest forces. Those against obstacles stay as they are, but for obstacles that bodies cannot
+    part from, which hold them as supports do, and take the rest.
 
     Args:
         operators: of the interfaces.
@@ -60,10 +62,12 @@ def with_reactions(
     # In ties alone it is what the nodes next to them say. Where contact shares a node, which of its
     # pairs press without force is for rounding to say, and the least is wanted of all.
     next_to, opens = wanted.copy(), np.ones(len(motion), dtype=bool)
-    chosen, presses, felt = *np.zeros((2, len(motion)), dtype=bool), []
+    chosen, presses, guides, felt = *np.zeros((3, len(motion)), dtype=bool), []
     for i, (geometry, place) in enumerate(zip(operators.geometries, operators.places, strict=True)):
         law, c, L = geometry.interface.law, geometry.pairs[0].base.shape[1], operators.blocks[i]
-        opens[place.rows] = not law.ties
+        guide = geometry.rigid and not (law.opens or law.gives or L.shape[1])
+        guides[place.rows] = guide & (law.ties | (np.arange(L.shape[0]) % c == c - 1))
+        opens[place.rows] = not (law.ties or guide)
         felt.append(L)
         if geometry.rigid or law.gives:  # where the law gives way it tells the forces
             continue
@@ -87,8 +91,11 @@ def with_reactions(
     nodes = operators.rows.dofs[:, 0]
     mixed = np.isin(nodes, nodes[opens])
     at = np.flatnonzero(chosen & open_)
-    fixed = hstack([block_diag(felt, format="csr")[at], operators.at_free_dofs(at)]).tocsr()
-    multiplier, rounding = multiplier.copy(), PULL * np.abs(multiplier).max(initial=0.0)
+    held_by = Guides.of(nodes, operators.free, np.flatnonzero(guides & np.isin(nodes, nodes[at])))
+    free = acting_on(operators.rows.dofs[at], held_by.without(nodes[at], operators.free[at]))
+    fixed = hstack([block_diag(felt, format="csr")[at], free]).tocsr()
+    before, rounding = multiplier[at], PULL * np.abs(multiplier).max(initial=0.0)
+    multiplier = multiplier.copy()
     told = np.diff(fixed.indptr) > 0
     for own in pieces(fixed):
         if len(own) == 1 and told[own[0]]:  # its effect tells the force
@@ -100,6 +107,8 @@ def with_reactions(
             same, aim = areas[to, None] * np.eye(column.max() + 1)[column], next_to[to]
             aim = aim + _constant(fixed[own], multiplier[to] - aim, same)
         multiplier[to] = _nearest(fixed[own], multiplier[to], aim, presses[to], rounding)
+    more = (multiplier[at] - before)[:, None] * operators.free[at]
+    multiplier[held_by.rows] -= held_by.told(nodes[at], more)
     return multiplier
 
 

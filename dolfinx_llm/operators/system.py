@@ -37,7 +37,7 @@ from dolfinx_llm.operators.numbering import (
     slip_numbering,
 )
 from dolfinx_llm.operators.petsc import diagonal_of
-from dolfinx_llm.operators.prescribed import NEARLY_FIXED, free_parts, in_loops, repeated
+from dolfinx_llm.operators.prescribed import NEARLY_FIXED, acting_on, free_parts, in_loops, repeated
 from dolfinx_llm.operators.stiffness import side_stiffness, surface_stiffness
 from dolfinx_llm.operators.support import NAMED, Constraints, floating_motions, movers
 
@@ -166,12 +166,7 @@ class ContactOperators:
 
     def at_free_dofs(self, rows: Array) -> csr_matrix:
         """(k, dofs) forces at the free dofs of nodes from those of some rows (k,)."""
-        at, value = self.rows.dofs[rows], self.free[rows]
-        row = np.broadcast_to(np.arange(len(rows))[:, None], at.shape)
-        kept = value != 0.0
-        _, col = np.unique(at[kept], return_inverse=True)
-        entries = value[kept], (row[kept], col)
-        return csr_matrix(entries, (len(rows), col.max(initial=-1) + 1))
+        return acting_on(self.rows.dofs[rows], self.free[rows])
 
     def _check_support(self, K: PETSc.Mat) -> None:
         """Require that supports and ties hold every body, if these are all there is."""

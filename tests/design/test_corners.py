@@ -115,6 +115,18 @@ def test_friction_beside_a_plane(kind, solver):
     assert iterations <= 12
 
 
+@pytest.mark.parametrize("kind", [longer(TET), HEX])
+def test_ties_beside_a_plane(kind):
+    """Planes of symmetry that bodies slide on bear what supports there would: at nodes that they
+    share the tie bears what it bears beside. It was told a fifth of the resultant less."""
+    held, _ = fit(llm.Tied(close_gap=True), kind)
+    for swapped in (False, True):
+        slid, _ = fit(llm.Tied(close_gap=True), kind, slides=True, swapped=swapped)
+        for side, other in zip(held.sides, slid.sides[:: -1 if swapped else 1], strict=True):
+            off = np.abs(side.force - other.force).max()
+            assert off < (1e-4 if kind == HEX else 0.01) * np.abs(side.force).max()
+
+
 @pytest.mark.parametrize("overlap", [OVERLAP, -0.1])
 def test_tied_rings_of_second_order(overlap):
     """Rows at supports reached past them, by 5e-4 across the small overlap, and held frame nodes
