@@ -112,8 +112,9 @@ def _left(
     if found.status or found.fun <= LEFT:  # where it fails the iteration will tell
         return 0.0, np.zeros(k), 0.0
     # What slips does not part: friction as the normal forces found bear it, and no more with more.
+    # Where it would do for normal forces that are others, a mechanism is that of the first.
     slips = solved(drag, limit + np.maximum(bear @ found.x[:n], 0.0)) if len(limit) else found
-    motion = found if slips.status else slips
+    motion = found if slips.status or slips.fun <= LEFT else slips
     moved, pushed = np.split(motion.eqlin.marginals, [k])
     return float(found.fun), basis.T @ moved, float(pushed @ loads)
 

@@ -174,6 +174,28 @@ def test_limit_load():
     assert len(told) > 5 and all("a rotation about [1.0, 0.5]" in words for words in told), told
 
 
+def test_a_block_tips_in_space():
+    """Where normal forces that are others would do for the friction that those found bear, no
+    mechanism was told, but a translation along (0, 0, 0) with a force of NaN."""
+    a, L, tags, spaces = [], [], [], []
+    boxes = ((-1.2, -0.5, -0.5), (1.2, 0.5, 0.0)), ((-0.25, -0.3, 0.0), (0.25, 0.3, 1.0))
+    for k, (ends, cells) in enumerate(zip(boxes, ((12, 5, 2), (3, 3, 4)), strict=True)):
+        domain = mesh.create_box(COMM, list(np.array(ends)), cells, mesh.CellType.tetrahedron)
+        facets = np.sort(mesh.locate_entities_boundary(domain, 2, lambda p: np.isclose(p[2], 0.0)))
+        tags.append(mesh.meshtags(domain, 2, facets, np.ones(len(facets), dtype=np.int32)))
+        V = compat.function_space(domain, shape=(3,))
+        u, w, z = ufl.TrialFunction(V), ufl.TestFunction(V), ufl.SpatialCoordinate(domain)[2]
+        a.append(ufl.inner(scenes.stress(u), ufl.grad(w)) * ufl.dx)
+        load = fem.Constant(domain, float(k))  # a quarter of the weight pushes at the top
+        L.append(load * ((0.25 + 1.5 * (z - 0.5)) * w[0] - w[2]) * ufl.dx)
+        spaces.append(V)
+    bcs = scenes.hold_all(spaces[0], lambda p: p[2] < -0.4, lambda p: 0.0 * p)
+    sides = llm.Interface(None, ((tags[0], 1), (tags[1], 1)), law=llm.Coulomb(0.3))
+    problem = llm.ContactProblem(a, L, bcs=bcs, interfaces=[sides])
+    with pytest.raises(llm.ContactError, match=r"body 1 .*: a rotation about \[0\.2.*about it \d"):
+        problem.solve()
+
+
 def test_a_plate_that_balances_says_so():
     """On a single node of the frame: it may turn about it, which no force feels."""
     with plate_on_disc(2, (8, 9), 1e-3, 0.0, solver="saddle") as problem:
