@@ -109,9 +109,11 @@ def sides_between(
         return sum(min(np.isin(moving, m).sum(), np.isin(frame, f).sum()) for m, f in meets)
 
     facets = [np.sort(n[s.facets], axis=1) for n, s in zip(nodes, surfaces, strict=True)]
-    _, count = np.unique(np.concatenate(facets), axis=0, return_counts=True)
-    common = int((count > 1).sum())
-    if 0 < common and not len(facets[0]) == common == len(facets[1]):
+    common = 0
+    if facets[0].shape[1] == facets[1].shape[1]:
+        _, count = np.unique(np.concatenate(facets), axis=0, return_counts=True)
+        common = int((count > 1).sum())
+    if common and not len(facets[0]) == common == len(facets[1]):
         raise ContactInputError(
             f"FreeSurfacePressure: {surfaces[0].name} and {surfaces[1].name} have {common} facets "
             "in common: load and cover the whole of a surface that meets itself, or parts of it "
