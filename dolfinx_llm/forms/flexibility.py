@@ -5,13 +5,11 @@ how their surfaces answer to contact forces, y = Bᵀu = h - F λ + G α with F 
 bodies that supports alone do not hold), and to iterate on that.
 """
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
@@ -19,15 +17,16 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.log import progress
 from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.base.timing import StageTimes
+from dolfinx_llm.forms.dense import choose, refined
 from dolfinx_llm.forms.direct import DirectSolver
-from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult, wrong_signs
+from dolfinx_llm.forms.step import LinearStep, StepForm, StepResult, wrong_signs
 from dolfinx_llm.forms.verdict import largest, singular
-from dolfinx_llm.laws.complementarity import complementarity
 from dolfinx_llm.operators.petsc import local_csr, with_springs
 from dolfinx_llm.operators.system import ContactOperators
 
 COLUMNS = 64  # right-hand sides solved at once
 ROUGHLY = 1e-12  # of a load, up to which a solve that leaves it is not refined
+CHANGED = 1e-6  # of the largest multiplier: what is refined once changes by less
 
 
 class Flexibility(StepForm):
@@ -86,7 +85,7 @@ class Flexibility(StepForm):
         self._held[: rigid.free, : rigid.free] = self.floating.square.toarray()
         self.G = self._interface_sum((self._local_B_t @ self.modes).toarray())
         self.F: Any = self._flexibility()  # (n, n) on rank 0, None elsewhere
-        self.f: Array | None = None  # this rank's load that h and r are of
+        self.f: Array | None = None  # this rank's load that y and r are of
         self._u = np.zeros(self.modes.shape[0])  # what ``_pinned`` found last
         self._of: Any = None, np.zeros(self.rows.sizes[1])  # load and λ that it is for
         self._stiff = np.where(operators.dofs.fixed, self.scale, 1.0)  # their rows are identities
@@ -109,11 +108,10 @@ class Flexibility(StepForm):
                 F[:, first:last] = part
         if F is None:
             return None
-        F = F[np.ix_(self.rows.number, self.rows.number)]
-        return 0.5 * (F + F.T)
+        return 0.5 * (F + F.T)[np.ix_(self.rows.number, self.rows.number)]
 
     def _load(self, f: Array) -> None:
-        """Take this rank's load: h, and the resultant along the floating modes."""
+        """Take this rank's load: y, and the resultant along the floating modes."""
         self.f = f
         self._take(self._of[1])
         self.r = self.comm.allreduce(self.modes.T @ f)
@@ -139,7 +137,7 @@ class Flexibility(StepForm):
         if result[-1].any():
             equations = self._equations(step, np.arange(len(step.active)))
             with suppress(np.linalg.LinAlgError, ValueError):
-                result = self._judged(step, _choose(step, *equations))
+                result = self._judged(step, choose(step, *equations))
         return result
 
     def _judged(self, step: LinearStep, active: Array) -> tuple[Array, ...]:
@@ -153,7 +151,6 @@ class Flexibility(StepForm):
         Unknowns λ / c, w, α: every entry is then a pure number.
         """
         c, n, m, k = self.scale, len(on), step.L.shape[1], len(self.r)
-        held = step.spring * self._held
         A = np.zeros((n + m + k, n + m + k))
         A[:n, :n] = c * self.F[np.ix_(on, on)] + np.diag(c * step.compliance[on])
         A[:n, n : n + m] = step.L.toarray()[on]
@@ -161,29 +158,33 @@ class Flexibility(StepForm):
         A[n : n + m, :n] = step.E.toarray()[:, on]
         A[n : n + m, n : n + m] = step.D.toarray() / c
         A[n + m :, :n] = self.G[on].T
-        A[n + m :, n + m :] = (self._own + held) / c
+        A[n + m :, n + m :] = (self._own + step.spring * self._held) / c
         return A, self._rhs(step, on)
 
     def _rhs(self, step: LinearStep, on: Array) -> Array:
         c, k = self.scale, len(step.anchor)
         pull = self.r + step.spring * self._held[:, :k] @ step.anchor
-        return np.concatenate([self.h[on] + step.g[on], step.rhs / c, pull / c])
+        h = self.y + self.F @ self._at
+        return np.concatenate([h[on] + step.g[on], step.rhs / c, pull / c])
 
     def _dense(self, step: LinearStep) -> tuple[Array, Array, Array, Array]:
-        on, c, m = np.flatnonzero(step.active), self.scale, step.L.shape[1]
-        x = self._solved(step, on)
-        multiplier, n = np.zeros(len(step.active)), len(on)
-        multiplier[on] = c * x[:n]
-        alpha = x[n + m :]
-        y = self.h - self.F @ multiplier + self.G @ alpha
-        return multiplier, y, x[n : n + m], alpha
-
-    def _solved(self, step: LinearStep, on: Array) -> Array:
-        """Unknowns of the rows ``on``, the frame and the rigid motions; what was factorised serves
-        all steps of the same matrix."""
+        """λ, y, w and α, refined once by the gaps that they leave with y about what is known. Large
+        answers of slender bodies add up with more rounding than their surfaces move: where gaps
+        that are left move no force, y of rows in contact is what these say."""
+        on, n = np.flatnonzero(step.active), int(step.active.sum())
         if self._factor is None or not step.same_matrix(self._factor[0]):
-            self._factor = step, _refined(self._equations(step, on)[0])
-        return np.asarray(self._factor[1](self._rhs(step, on)[:, None]))[:, 0]
+            self._factor = step, refined(self._equations(step, on)[0])
+        solve, b = self._factor[1], self._rhs(step, on)
+        multiplier, x = np.zeros(len(step.active)), np.zeros(len(b))
+        for _ in range(2):
+            x = x + (change := solve(b[:, None])[:, 0])
+            multiplier[on], w, alpha = self.scale * x[:n], *np.split(x[n:], [step.L.shape[1]])
+            y = self.y - self.F @ (multiplier - self._at) + self.G @ alpha
+            says = step.L @ w + step.compliance * multiplier - step.g
+            b = np.append((y - says)[on], np.zeros(len(x) - n))
+        if np.abs(change[:n]).max(initial=0.0) <= CHANGED * np.abs(x[:n]).max(initial=0.0):
+            y[on] = says[on]
+        return multiplier, y, w, alpha
 
     def displacement(self, found: StepResult) -> Array:
         """See ``StepForm``."""
@@ -204,15 +205,14 @@ class Flexibility(StepForm):
         return self._u
 
     def correct(self, found: StepResult) -> None:
-        """Take h from the displacement for these multipliers: F and the pinned solve of the load
+        """Take y from the displacement for these multipliers: F and the pinned solve of the load
         alone are subject to rounding that the forces together are not."""
         self._take(found.multiplier)
 
     def _take(self, multiplier: Array) -> None:
-        """h on rank 0, from the displacement for some multipliers."""
-        y = self._interface_sum(self._local_B_t @ self._pinned(multiplier))
-        if self.comm.rank == 0:
-            self.h = y + self.F @ multiplier
+        """y for some multipliers without α, from the displacement, and these; collective."""
+        self.y = self._interface_sum(self._local_B_t @ self._pinned(multiplier))
+        self._at = multiplier
 
     def _in_petsc_order(self, values: Array) -> Array:
         """Values of the multipliers by their global number."""
@@ -229,66 +229,3 @@ class Flexibility(StepForm):
         if self._solver is not None:
             self._solver.destroy()
         self._solver = None
-
-
-def _choose(step: LinearStep, A: Array, rhs: Array) -> Array:
-    """Rows in contact: linear complementarity among those whose sign is or becomes wrong. A x = rhs
-    are the equations of all rows, the frame and the rigid motions.
-
-    The others keep their state and are eliminated. Eliminating the frame without them would leave
-    its nodes to the proximal term, whose compliance drowns that of the bodies.
-    """
-    n, rows = len(step.active), np.flatnonzero(step.may_open)
-    kept = np.concatenate([np.flatnonzero(step.active), np.arange(n, len(A))])
-    place = np.cumsum(step.active) - 1
-    on = step.active[rows]
-    solve = _refined(A[np.ix_(kept, kept)])
-    look = A[np.ix_(rows, kept)]
-
-    def signs(x: Array, gap: Array) -> Array:
-        """What must not be negative: λ / c in contact, gaps elsewhere."""
-        found = look @ x + gap
-        found[on] = x[place[rows[on]]]
-        return found
-
-    x = solve(rhs[kept][:, None])
-    now = signs(x, -rhs[rows][:, None])[:, 0]
-    band = SIGN * max(np.abs(x[: int(step.active.sum())]).max(initial=0.0), 1e-300)
-    pairs, new = np.empty(0, dtype=np.int64), np.flatnonzero(now < -band)
-    columns, change = np.empty((len(rows), 0)), np.zeros(0, dtype=bool)
-    while len(new):
-        load = np.where(on[new], 0.0, -1.0) * A[np.ix_(kept, rows[new])]
-        load[place[rows[new[on[new]]]], np.flatnonzero(on[new])] = 1.0
-        gap = np.where(on[new], 0.0, 1.0) * A[np.ix_(rows, rows[new])]
-        columns = np.hstack([columns, signs(solve(load), gap)])
-        pairs = np.concatenate([pairs, new])
-        change = complementarity(columns[pairs], now[pairs], now[pairs] < 0.0)
-        M = columns[pairs][np.ix_(change, change)]
-        after = now + columns[:, change] @ np.linalg.solve(M, -now[pairs][change])
-        after[pairs] = 0.0
-        new = np.flatnonzero(after < -band)
-    active = step.active.copy()
-    active[rows[pairs[change]]] ^= True
-    return active
-
-
-def _refined(A: Array) -> Callable[[Array], Array]:
-    """Solves dense systems with A, rows scaled and with one step of refinement; ``LinAlgError``
-    where A is singular."""
-    if not len(A):  # supports hold the body, and nothing touches the obstacle
-        return lambda b: b
-    scale = 1.0 / np.maximum(np.abs(A).max(axis=1), 1e-300)[:, None]
-    A = A * scale
-    factor = scipy.linalg.lu_factor(A, check_finite=False)
-    if not np.abs(np.diagonal(factor[0])).min(initial=np.inf) > 0.0:
-        raise np.linalg.LinAlgError("a pivot is zero")
-
-    def solve(b: Array) -> Array:
-        b = b * scale
-        x = scipy.linalg.lu_solve(factor, b, check_finite=False)
-        x += scipy.linalg.lu_solve(factor, b - A @ x, check_finite=False)
-        if not np.isfinite(x).all():
-            raise np.linalg.LinAlgError("the solution is not finite")
-        return x
-
-    return solve
