@@ -12,6 +12,7 @@ from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.results.results import InterfaceResult
 from dolfinx_llm.contact.search.flickering import lost
+from dolfinx_llm.forms.verdict import EPS
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.control import of_control_values
 from dolfinx_llm.interface.geometry import InterfaceGeometry
@@ -167,7 +168,8 @@ def _uncertain_gaps(geometry: InterfaceGeometry, result: InterfaceResult) -> lis
     """Gaps of coarse curved surfaces that are known no better than the bodies move."""
     known = geometry.certificate.place if geometry.certificate else 0.0
     moved = max(np.linalg.norm(side.u, axis=1).max() for side in result.sides)
-    if not (geometry.interface.law.closes_gap and known > UNCERTAIN * moved > 0.0):
+    rounding = EPS * geometry.sides[0].diameter
+    if not (geometry.interface.law.closes_gap and known > UNCERTAIN * moved > rounding):
         return []
     return [
         f"interface {geometry.interface.name}: the meshes tell the gap between the curved surfaces "
@@ -198,15 +200,20 @@ def _apart(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
         return []
     drawn = [-np.einsum("ni,ni->n", p.gap, p.normal) for p in geometry.pairs]
     before = _gaps(geometry, drawn).min()
-    side = min(sides, key=lambda side: float(side.gap.min()))
-    near = int(side.gap.argmin())
-    if not side.gap[near] < before - NEARER * geometry.sides[0].diameter:
+    if geometry.rigid:
+        moved = [side.frame_gap for side in sides]
+    else:  # between the bodies: frames that nothing touches may be anywhere
+        each = zip(drawn, geometry.pairs, sides, strict=True)
+        moved = [gap - np.einsum("ni,ni->n", side.u, p.normal) for gap, p, side in each]
+    now = _gaps(geometry, moved).min()
+    if not now < before - NEARER * geometry.sides[0].diameter:
         return []
+    side = min(sides, key=lambda side: float(side.gap.min()))
     return [
         f"interface {geometry.interface.name}: nothing touches: the load brings both sides nearer "
-        f"to each other, from {before:.2g} as drawn to about {side.gap[near]:.2g} at "
-        f"{checks.place(side.x[near])}, and no contact force arises. Check positions, units "
-        "and the load, or draw the bodies nearer"
+        f"to each other, from {before:.2g} as drawn to about {max(now, 0.0):.2g} at "
+        f"{checks.place(side.x[side.gap.argmin()])}, and no contact force arises. Check "
+        "positions, units and the load, or draw the bodies nearer"
     ]
 
 
