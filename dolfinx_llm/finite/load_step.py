@@ -157,13 +157,17 @@ def chosen_at(
 
 
 def touching_of(load: Placed, interfaces: Sequence[Placed], status: Sequence[Any]) -> Array:
-    """(n,) which nodes of a follower load's moving side are in contact, by the status of the pairs
-    of each interface; all of one of which it is not known yet."""
-    closed = [np.zeros(0)]
+    """(n,) which nodes of a follower load's moving side, or of one that an obstacle may cover, are
+    in contact, by the status of the pairs of each interface; all of one of which it is not known
+    yet."""
+    closed, obstacle = [np.zeros(0)], load.what.obstacle
     for placed, now in zip(interfaces, status, strict=True):
-        moving = placed.meets[0]
-        closed.append(moving if now is None else moving[(now != OPEN)[: len(moving)]])
-    return np.isin(load.meets[0], np.concatenate(closed))
+        if obstacle is None or getattr(placed.what, "obstacle", None) is obstacle:
+            moving = placed.meets[0] if obstacle is None else placed.moving
+            closed.append(moving if now is None else moving[(now != OPEN)[: len(moving)]])
+    n, gdim = load.what.surfaces[0].x.shape
+    nodes = load.meets[0] if obstacle is None else load.numbers[: n * gdim : gdim]
+    return np.isin(nodes, np.concatenate(closed))
 
 
 def missed_at(

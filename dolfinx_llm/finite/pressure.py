@@ -1,4 +1,4 @@
-"""A follower pressure on a surface, or on the part of it that another surface does not cover."""
+"""A follower pressure on a surface, or on the part of it that nothing covers."""
 
 from __future__ import annotations
 
@@ -22,19 +22,20 @@ from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface, check_facet_tags
 from dolfinx_llm.geometry.thickness import check_thickness
+from dolfinx_llm.interface.obstacle import Obstacle
 
-COVER = "give (facet tags, tag), or None"
+COVER = "give (facet tags, tag), a rigid obstacle, or several of them"
 
 
 @dataclass(frozen=True, eq=False)
 class FreeSurfacePressure:
-    """Pressure that follows a surface, on what another surface leaves free now.
+    """Pressure that follows a surface, on what other surfaces and obstacles leave free now.
 
     Covered is what is in contact where bodies come to rest: facets of the side that is found on the
     other one, the finer one in general, of which all nodes are in contact, and what lies across
-    from them. All else is free, whatever lies across: a gap that closes like a wedge bears the
-    pressure up to the last node that touches. Where that opens, as contact bears less than the
-    pressure, the next facet is free as well.
+    from them; on an obstacle facets of which all nodes are. All else is free, whatever lies across:
+    a gap that closes like a wedge bears the pressure up to the last node that touches. Where that
+    opens, as contact bears less than the pressure, the next facet is free as well.
 
     Integrals are exact, also over clipped facets and over whole ones of second order that bend;
     over a part of such a one they miss a force along the surface, of at most p on the facet's
@@ -46,7 +47,8 @@ class FreeSurfacePressure:
         p: pressure, positive when it presses on the body [force / area]: a number, or a Constant,
             whose value may change between load steps.
         covered_by: (facet tags, tag) of a surface that may cover part of it, as contact of an
-            interface between both tells, or the same surface with ``SelfContact``; or None.
+            interface between both tells, or the same surface with ``SelfContact``; a rigid
+            obstacle; a list of them; or None.
         thickness: of bodies in the plane, as of ``Interface`` [length].
 
     Raises:
@@ -56,7 +58,7 @@ class FreeSurfacePressure:
     facet_tags: Any
     tag: int
     p: Any
-    covered_by: tuple[Any, ...] | None = field(default=None, kw_only=True)
+    covered_by: Any = field(default=None, kw_only=True)
     thickness: Any = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -64,12 +66,25 @@ class FreeSurfacePressure:
         checks.integer("facet tag", self.tag)
         check_thickness(self.thickness)
         self.value()
-        if self.covered_by is not None:
-            given = checks.items("covered_by", self.covered_by, COVER)
-            if len(given) != 2:
-                checks.refuse("covered_by", self.covered_by, COVER)
-            check_facet_tags("covered_by: facet tags", given[0])
-            checks.integer("covered_by: tag", given[1], COVER)
+        for cover in self.covers:
+            if not isinstance(cover, Obstacle):
+                given = checks.items("covered_by", cover, COVER)
+                if len(given) != 2:
+                    checks.refuse("covered_by", self.covered_by, COVER)
+                check_facet_tags("covered_by: facet tags", given[0])
+                checks.integer("covered_by: tag", given[1], COVER)
+
+    @property
+    def covers(self) -> list[Any]:
+        """Each of what may cover it."""
+        given = self.covered_by
+        if given is None:
+            return []
+        if isinstance(given, Obstacle):
+            return [given]
+        found = checks.items("covered_by", given, COVER)
+        several = any(isinstance(one, Obstacle | Sequence) for one in found)
+        return found if several else [tuple(found)]
 
     def value(self) -> float:
         """The pressure now.
@@ -85,13 +100,24 @@ class FreeSurfacePressure:
         return checks.number("p", p, "give a finite number or a scalar Constant")
 
     def tagged(self) -> list[tuple[Any, int]]:
-        """The loaded surface, and what may cover it, as (facet tags, tag)."""
-        other = [] if self.covered_by is None else [tuple(self.covered_by)]
-        return [(self.facet_tags, self.tag), *other]
+        """The loaded surface, and those that may cover it, as (facet tags, tag)."""
+        others = [tuple(c) for c in self.covers if not isinstance(c, Obstacle)]
+        return [(self.facet_tags, self.tag), *others]
+
+    @property
+    def pieces(self) -> list[Any]:
+        """What ``Follower`` each is made of: all that the first cover leaves free, less what the
+        others cover."""
+        return self.covers or [None]
+
+
+def pressures_of(loads: Sequence[FreeSurfacePressure]) -> Array:
+    """Of each piece of some follower pressures [force / area]."""
+    return np.array([load.value() for load in loads for _ in load.pieces], dtype=float)
 
 
 def sides_between(
-    surfaces: Sequence[Surface], nodes: tuple[Array, Array], meets: Sequence[tuple[Array, Array]]
+    surfaces: Sequence[Surface], nodes: Sequence[Array], meets: Sequence[tuple[Array, Array]]
 ) -> Sides | None:
     """A loaded surface and what may cover it, as contact has them; None: no interface is between.
 
@@ -141,20 +167,24 @@ class Covering:
 
 @dataclass(frozen=True, eq=False)
 class Follower:
-    """The same on its surfaces; all coordinates: those of the loaded one, then of the other."""
+    """A piece of it on its surfaces; all coordinates: those of the loaded one, then of the other.
 
-    load: FreeSurfacePressure
-    surfaces: Sequence[Surface]  # as drawn: the loaded one, and what may cover it
-    sides: Sides | None
+    A rigid obstacle covers facets of which all nodes are in contact with it.
+    """
+
+    surfaces: Sequence[Surface]  # as drawn: the loaded one, and one that may cover it
+    sides: Sides | None  # with that
+    obstacle: Obstacle | None  # that may cover it
+    whole: bool  # all that is free; else less what is covered
 
     def hold(self, z: Array, closed: Array) -> Covering | None:
         """Facets that touch in an increment that starts at coordinates z; None: it has none.
 
         Args:
             z: coordinates [length].
-            closed: (n,) nodes of the moving side that are in contact.
+            closed: (n,) nodes of the moving side, or of one on an obstacle, that are in contact.
         """
-        if self.sides is None:
+        if self.sides is None and self.obstacle is None:
             return None
         found = self._touching(z, closed)
         return Covering(found, np.zeros_like(found))
@@ -162,7 +192,7 @@ class Follower:
     def missed(self, z: Array, closed: Array, held: Covering | None) -> Covering | None:
         """Those that touch at an equilibrium z, where they are others than held; None: they are
         the same. Arguments as of ``hold``."""
-        if self.sides is None or held is None:
+        if held is None:
             return None
         now = self._touching(z, closed) | (held.facets & held.left)
         if np.array_equal(now, held.facets):
@@ -172,7 +202,8 @@ class Follower:
     def _touching(self, z: Array, closed: Array) -> Array:
         """(f,) facets of the moving side that lie across, with all of their nodes in contact, or
         beyond the frame's edge."""
-        assert self.sides is not None
+        if self.sides is None:
+            return np.asarray(closed[self.surfaces[0].cells].all(axis=1))
         found, cells = self.sides.candidates(z), self.sides.mover.cells
         beyond = self.sides.meet(z, found).at.beyond > INSIDE
         return found & (closed | beyond)[cells].all(axis=1) & closed[cells].any(axis=1)
@@ -190,8 +221,11 @@ class Follower:
         """
         loaded = self.surfaces[0]
         x = z[: loaded.x.size].reshape(loaded.x.shape)
-        free = everything(x, loaded, 0, len(z))
-        if self.sides is not None and held is not None:
+        every = everything(x, loaded, 0, len(z))
+        free = every if self.whole else every.without(every)
+        if self.sides is None and held is not None:
+            free = free.without(every.of(held.facets))
+        elif self.sides is not None and held is not None:
             one = isinstance(self.sides, SelfSides)  # of which one part covers the other
             for moving in (True, False) if one else (self.sides.moving == 0,):
                 covered = self.sides.covered(z, held.facets, moving)

@@ -19,7 +19,7 @@ from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.load_step import LoadStep, NewtonState
 from dolfinx_llm.finite.newton import NewtonSteps
-from dolfinx_llm.finite.pressure import FreeSurfacePressure
+from dolfinx_llm.finite.pressure import FreeSurfacePressure, pressures_of
 from dolfinx_llm.finite.results import MovingInterfaceResult
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.output.pictured import Pictured
@@ -162,7 +162,7 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
             self.bulk.now(),
             tuple(np.zeros(c.what.size) for c in contacts),
             (None,) * len(contacts),
-            np.zeros(len(self.loads)),
+            0.0 * pressures_of(self.loads),
             tuple(pose_of(c, moved) for c in contacts),
             (None,) * len(contacts),
             np.zeros(len(self.bulk.dofs.fixed)),
@@ -173,7 +173,7 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         self.update()
         with collective(self.comm):
             checks.integer("increments", increments, "give an integer of at least 1", low=1)
-            pressures = np.array([load.value() for load in self.loads])
+            pressures = pressures_of(self.loads)
             equations = self._newton.equations
             equations.interfaces = [placed.begun() for placed in equations.interfaces]
             poses = tuple(pose_of(c) for c in equations.interfaces)

@@ -28,7 +28,6 @@ from dolfinx_llm.finite.pairs.friction_contact import FrictionContact
 from dolfinx_llm.finite.pairs.normal_contact import NormalContact
 from dolfinx_llm.finite.pairs.terms import MovingContact
 from dolfinx_llm.finite.pairs.tied_contact import TiedContact
-from dolfinx_llm.finite.pressure import Follower, FreeSurfacePressure, sides_between
 from dolfinx_llm.finite.results import MovingInterfaceResult, moving_results
 from dolfinx_llm.finite.start_checks import check_start
 from dolfinx_llm.geometry.surface import Surface, extract_surface
@@ -97,7 +96,7 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
         )
     site = find_site(interface, dofs.spaces, dofs.fixed_by_space())
     frame = chosen(dofs.comm, partial(prescribed_side, site, site.whole))
-    site = replace(site, whole=_near(site.whole))
+    site = replace(site, whole=near(site.whole))
     return _on_frame(interface, Sides.of(site.whole, frame), site, dofs)
 
 
@@ -127,7 +126,7 @@ def _on_frame(interface: Interface, sides: Sides, site: Site, dofs: BodyDofs) ->
             contact = FrictionContact(sides, design, *_bounds(reads))
         else:
             contact = NormalContact(sides, design)
-    return _placed(contact, site.whole, site.spaces, dofs, reads)
+    return placed_at(contact, site.whole, site.spaces, dofs, reads)
 
 
 def _bounds(reads: Callable[[], dict[str, Array]]) -> list[Array]:
@@ -143,7 +142,7 @@ def _on_itself(interface: SelfContact, dofs: BodyDofs) -> Placed:
     surface = extract_surface(dofs.spaces[space], tags, tag)
     with collective(dofs.comm):
         surface = surface.with_depth(interface.thickness, f"interface {interface.name}")
-    [surface] = _near([surface])
+    [surface] = near([surface])
     sides = SelfSides.of_one(surface)
     site = Site(interface, sides.surfaces, (space, space), None, dofs.comm)
     return _on_frame(interface, sides, site, dofs)
@@ -163,12 +162,12 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     surface = site.whole[0]
     check_tied_to_mean(interface.name, obstacle, law)
     if isinstance(obstacle, MeanDisplacement):
-        return _placed(MovingMean.over(surface, obstacle), site.whole, site.spaces, dofs)
+        return placed_at(MovingMean.over(surface, obstacle), site.whole, site.spaces, dofs)
     with collective(dofs.comm):
         checked_clearance(obstacle, surface.x)
     if isinstance(law, Tied):
         tie = TiedObstacle.between(surface, obstacle, interface.name, law.close_gap)
-        return _placed(tie, site.whole, site.spaces, dofs)
+        return placed_at(tie, site.whole, site.spaces, dofs)
     nodes = nodes_of(interface, OneSide((surface,)), site, surface.x.ravel(), dofs)
     pressed = any(loaded(obstacle, surface.x.shape[1]))
     if own:
@@ -176,12 +175,12 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
         with collective(dofs.comm):
             told = of_law.under(law, nodes, surface, obstacle)
         again = partial(law.begin_step, told.nodes)
-        return _placed(told, site.whole, site.spaces, dofs, again)
+        return placed_at(told, site.whole, site.spaces, dofs, again)
     reads = partial(law.begin_step, nodes) if law.slips else None
     with collective(dofs.comm):
         friction = _bounds(reads) if reads else []
     contact = AGAINST[law.slips, pressed].of(surface, obstacle, *friction)
-    return _placed(contact, site.whole, site.spaces, dofs, reads)
+    return placed_at(contact, site.whole, site.spaces, dofs, reads)
 
 
 def check_contacts(
@@ -244,39 +243,7 @@ def results_of(
     return results
 
 
-def follower_of(load: FreeSurfacePressure, dofs: BodyDofs, contacts: Sequence[Placed]) -> Placed:
-    """A follower pressure on its surfaces as drawn; collective.
-
-    Args:
-        load: the user's choices.
-        dofs: of the bodies.
-        contacts: the interfaces, which tell what is covered.
-
-    Raises:
-        ContactInputError: none is between the surface and what may cover it; these have a part of
-            their facets in common.
-    """
-    tagged = load.tagged()
-    spaces = [space_of(tags, dofs.spaces) for tags, _ in tagged]
-    surfaces = [
-        extract_surface(dofs.spaces[i], tags, tag) for i, (tags, tag) in zip(spaces, tagged)
-    ]
-    with collective(dofs.comm):
-        surfaces[0] = surfaces[0].with_depth(load.thickness, "FreeSurfacePressure")
-    near, sides = _near(surfaces), None
-    if len(surfaces) > 1:
-        nodes = dofs.of(spaces[0], surfaces[0])[:, 0], dofs.of(spaces[1], surfaces[1])[:, 0]
-        sides = sides_between(near, nodes, [contact.meets for contact in contacts])
-        if sides is None:
-            raise ContactInputError(
-                f"FreeSurfacePressure: no interface has both {surfaces[0].name} and "
-                f"{surfaces[1].name}, and contact tells what is covered: leave covered_by out, or "
-                "give the interface between them"
-            )
-    return _placed(Follower(load, near, sides), near, spaces, dofs)
-
-
-def _near(surfaces: Sequence[Surface]) -> tuple[Surface, ...]:
+def near(surfaces: Sequence[Surface]) -> tuple[Surface, ...]:
     """Surfaces as drawn; those that lie far from the origin about their middle: rounding of places
     is then that of their size."""
     x = np.concatenate([s.x for s in surfaces])
@@ -286,7 +253,7 @@ def _near(surfaces: Sequence[Surface]) -> tuple[Surface, ...]:
     return tuple(s.about(0.5 * (low + high)) for s in surfaces)
 
 
-def _placed(
+def placed_at(
     what: Any,
     surfaces: Sequence[Surface],
     spaces: Sequence[int],

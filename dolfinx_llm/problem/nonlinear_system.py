@@ -17,7 +17,8 @@ from dolfinx_llm.finite.load_step import Bodies, Equations, Placed
 from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering
-from dolfinx_llm.problem.nonlinear_parts import check_contacts, contact_of, follower_of
+from dolfinx_llm.problem.nonlinear_loads import followers_of
+from dolfinx_llm.problem.nonlinear_parts import check_contacts, contact_of
 
 Options = tuple[str, dict[str, Any] | None]  # prefix, and PETSc options
 
@@ -50,7 +51,7 @@ def posed(
     with times.timed("interfaces"):
         contacts = _shared([contact_of(interface, dofs) for interface in interfaces])
         check_contacts(interfaces, contacts, dofs, u)
-        followers = [follower_of(load, dofs, contacts) for load in loads]
+        followers = followers_of(loads, dofs, contacts)
     system, method, why = _numbered(contacts, dofs, solver, options)
     surfaces = [s for c in contacts for s in c.what.sides.surfaces]
     size = max([s.facet_size for s in surfaces] or [1.0])

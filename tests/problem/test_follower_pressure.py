@@ -22,8 +22,9 @@ from dolfinx_llm.geometry.cells import vector_areas
 P = 50.0
 
 
-def covered(cells, p=P):
-    """A block under pressure where another one, held at its top, leaves it free; and its motion."""
+def covered(cells, p=P, lid=False):
+    """A block under pressure where another one, held at its top, leaves it free, or a lid far away
+    if so wished; and its motion."""
     domain, tags = fd.blocks(cells, (1.0, 0.6), shift=0.17)
     V, u, F = fd.bodies_of(domain)
     down = fem.Constant(domain, 0.0)
@@ -32,9 +33,13 @@ def covered(cells, p=P):
         for k in (0, 1):
             dofs = fem.locate_dofs_topological(V.sub(k), 1, tags.indices[tags.values == tag])
             held.append(fem.dirichletbc(value[k], dofs, V.sub(k)))
-    load = llm.FreeSurfacePressure(tags, fd.LOW, p, covered_by=(tags, fd.HIGH))
-    interface = llm.Interface(tags, (fd.LOW, fd.HIGH), law=llm.Frictionless())
-    problem = llm.NonlinearContactProblem(F, u, bcs=held, interfaces=[interface], loads=[load])
+    covers, law = [(tags, fd.HIGH)], llm.Frictionless()
+    interfaces = [llm.Interface(tags, (fd.LOW, fd.HIGH), law=law)]
+    if lid:
+        covers.append(llm.RigidPlane((0.0, 9.0), (0.0, -1.0)))
+        interfaces.append(llm.Interface(tags, (fd.LOW, covers[1]), law=law))
+    load = llm.FreeSurfacePressure(tags, fd.LOW, p, covered_by=covers if lid else covers[0])
+    problem = llm.NonlinearContactProblem(F, u, bcs=held, interfaces=interfaces, loads=[load])
     return problem, u, down
 
 
@@ -195,6 +200,74 @@ def test_a_surface_that_covers_itself(kind, monkeypatch):
         added = (side.normal_force - less.normal_force).sum()
         assert added == pytest.approx(p * area, rel=1e-3)
     assert len({entry["part"] for entry in covered.history}) == 1
+
+
+def squeezed(kind, degree, covering):
+    """A block under a pressure on all of its surface, between a floor and a lid that may cover it;
+    and which of these bear what."""
+    gdim = 2 if kind == mesh.CellType.quadrilateral else 3
+    corners = [np.array([-1.0] * (gdim - 1) + [0.0]), np.ones(gdim)]
+    make = mesh.create_rectangle if gdim == 2 else mesh.create_box
+    domain = make(MPI.COMM_SELF, corners, [4] * gdim, kind)
+    skin = np.sort(mesh.locate_entities_boundary(domain, gdim - 1, lambda x: x[0] < 2.0))
+    tags = mesh.meshtags(domain, gdim - 1, skin, np.ones(len(skin), dtype=np.int32))
+    V = compat.function_space(domain, degree=degree, shape=(gdim,))
+    up = np.eye(gdim)[-1]
+    floor, lid = llm.RigidPlane(0.0 * up, up), llm.RigidPlane(up, -up, displacement=-0.05 * up)
+    bcs = []
+    for k in range(gdim - 1):
+        space, _ = V.sub(k).collapse()
+        middle = fem.locate_dofs_geometrical(
+            (V.sub(k), space), lambda x, k=k: np.isclose(x[k], 0.0)
+        )
+        bcs.append(fem.dirichletbc(fem.Function(space), middle, V.sub(k)))
+    u = fem.Function(V)
+    load = llm.FreeSurfacePressure(tags, 1, 5.0, covered_by=[floor, lid] if covering else None)
+    problem = llm.NonlinearContactProblem(
+        finite_patch.residual(u, *finite_patch.lame(100.0, 0.3), degree), u, bcs=bcs,
+        interfaces=[llm.Interface(tags, (1, o), law=llm.Frictionless()) for o in (floor, lid)],
+        loads=[load],
+    )  # fmt: skip
+    problem.solve()
+    side = problem.results[0].sides[0]
+    area = np.prod(np.ptp(side.x[side.status > 0][:, :-1], axis=0))
+    return u.x.array.copy(), area, [result.resultant @ up for result in problem.results]
+
+
+@pytest.mark.parametrize(
+    ("kind", "degree"),
+    [
+        (mesh.CellType.quadrilateral, 1),
+        longer(mesh.CellType.quadrilateral, 2),
+        (mesh.CellType.hexahedron, 1),
+        longer(mesh.CellType.tetrahedron, 2),
+    ],
+)
+def test_obstacles_that_cover(kind, degree):
+    """What contact bears more is the pressure that is left out."""
+    (u, area, less), (same, _, more) = (squeezed(kind, degree, c) for c in (False, True))
+    assert np.abs(u - same).max() < 1e-9
+    assert np.subtract(less, more) == pytest.approx([5.0 * area, -5.0 * area], rel=1e-9)
+
+
+def test_covers_of_both_kinds():
+    """An obstacle that never touches covers nothing, beside a surface that does; one that no
+    interface has is an error."""
+    found = []
+    for several in (False, True):
+        problem, u, down = covered((6, 4), lid=several)
+        down.value = -0.04
+        problem.solve()
+        found.append(u.x.array.copy())
+    assert np.abs(found[1] - found[0]).max() < 1e-12
+    domain, tags = fd.blocks((2, 2), (1.0, 0.6), shift=0.17)
+    V, u, F = fd.bodies_of(domain)
+    plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
+    load = llm.FreeSurfacePressure(tags, fd.LOW, 1.0, covered_by=plane)
+    with pytest.raises(llm.ContactInputError, match="and RigidPlane, and contact tells"):
+        llm.NonlinearContactProblem(F, u, loads=[load])
+    with pytest.raises(llm.ContactInputError, match="covered_by"):
+        llm.FreeSurfacePressure(tags, fd.LOW, 1.0, covered_by=[plane, tags])
 
 
 def test_parts_of_a_surface_that_meets_itself():

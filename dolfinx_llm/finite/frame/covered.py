@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import per_item
+from dolfinx_llm.base.sparse import diagonal, per_item
 from dolfinx_llm.finite.frame.bernstein import with_linear
 from dolfinx_llm.finite.frame.jacobians import coordinates, jacobian
 from dolfinx_llm.geometry.surface import Surface
@@ -27,6 +27,11 @@ class Covered:
     def without(self, other: Covered) -> Covered:
         """What of these parts does not belong to other ones, which lie in them."""
         return Covered(self.share - other.share, self.derivative - other.derivative)
+
+    def of(self, facets: Array) -> Covered:
+        """The same of facets (f,) that are among these, and nothing of others."""
+        each = np.repeat(facets, self.share.shape[1])
+        return Covered(self.share * facets[:, None], diagonal(each) @ self.derivative)
 
     def times(self, factor: float) -> Covered:
         """The same times a factor."""
