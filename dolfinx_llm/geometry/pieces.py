@@ -242,6 +242,29 @@ def mean_normal(areas: Sequence[Array], weights: Sequence[Array]) -> Array | Non
     return mean / size if size > 0.1 else None
 
 
+def faces(sides: Sequence[tuple[Array, Array]], pairs: Sequence[Array]) -> Array:
+    """(n,) number of the face of each pair of facets, n of both sides, that face each other: what
+    hangs together without a sharp edge; 0 of all where there is none.
+
+    Args:
+        sides: per side positions of nodes (m, gdim), and facets (f, k).
+        pairs: per side (n,) numbers of facets.
+    """
+    joined, sharp, first = [], False, [0, len(sides[0][1])]
+    for (x, facets), start in zip(sides, first, strict=True):
+        normal, (i, j) = unit(vector_areas(x, facets)), neighbours(facets)
+        smooth = np.einsum("ni,ni->n", normal[i], normal[j]) > np.cos(TURN)
+        sharp |= not smooth.all()
+        joined.append((start + i[smooth], start + j[smooth]))
+    if not sharp:
+        return np.zeros(len(pairs[0]), dtype=np.int64)
+    joined.append((pairs[0], first[1] + pairs[1]))
+    row, col = (np.concatenate(ends) for ends in zip(*joined, strict=True))
+    graph = coo_matrix((np.ones(len(row)), (row, col)), (first[1] + len(sides[1][1]),) * 2)
+    label = connected_components(graph, False)[1]
+    return np.unique(label[pairs[0]], return_inverse=True)[1]
+
+
 def neighbours(facets: Array, by_nodes: bool = False) -> tuple[Array, Array]:
     """Pairs of facets that share an edge (a node of segments, or where ``by_nodes``)."""
     m, k = facets.shape

@@ -14,6 +14,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import agree, check, collective, gather_rows
 from dolfinx_llm.geometry.facets_near import Polygons, facing_pairs
+from dolfinx_llm.geometry.pieces import faces
 from dolfinx_llm.geometry.spaces import check_space
 from dolfinx_llm.geometry.surface import Surface, check_facet_tags, extract_surface, facet_nodes
 from dolfinx_llm.interface.choices import Interface
@@ -72,7 +73,8 @@ def find_interfaces(
         cell_tags: dolfinx mesh tags of cells, or one for each space: each body has one value.
 
     Returns:
-        One ``Interface`` per pair of bodies, in the order of their numbers; of another law by
+        One ``Interface`` per pair of bodies, in the order of their numbers, or several where sharp
+        edges part what faces, as around a key; of another law by
         ``dataclasses.replace(interface, law=...)``. The sides' tags are
         these numbers, as in ``print(problem)`` and messages, so that the name is "3 | 7".
 
@@ -226,7 +228,8 @@ def _interfaces(
     i, j = i[order], j[order]
     ends = np.flatnonzero(np.diff(body[i]) | np.diff(body[j])) + 1
     interfaces = []
-    for facets in zip(np.split(i, ends), np.split(j, ends), strict=True):
+    pairs = zip(np.split(i, ends), np.split(j, ends), strict=True)
+    for facets in [face for pair in pairs for face in _faces(found, start, pair)]:
         names = [int(body[side[0]]) for side in facets]
         law = _law_between(names, tags, laws)
         if law is None:
@@ -242,6 +245,22 @@ def _interfaces(
             ]
         interfaces.append(Interface(None, tuple(zip(sides, names, strict=True)), law=law))
     return interfaces
+
+
+def _faces(
+    found: Sequence[_Found], start: Array, facets: tuple[Array, Array]
+) -> list[tuple[Array, Array]]:
+    """Facets (k,), (k,) of two bodies that face each other, face by face; ``start`` (m,): the first
+    facet of each mesh."""
+    sides, at = [], []
+    for own in facets:
+        mesh = int(np.searchsorted(start, own[0], side="right")) - 1
+        every, place = np.unique(own - start[mesh], return_inverse=True)
+        surface = found[mesh].surface
+        sides.append((surface.x, surface.facets[every]))
+        at.append(place)
+    face = faces(sides, at)
+    return [(facets[0][face == k], facets[1][face == k]) for k in range(face.max() + 1)]
 
 
 def _law_between(bodies: Sequence[int], tags: dict[int, Array], laws: dict[Any, Law]) -> Law | None:

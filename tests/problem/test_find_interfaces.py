@@ -1,13 +1,16 @@
 """Interfaces that are found by themselves, against lists by hand."""
 
+import contact_scenes as scenes
 import numpy as np
 import pytest
+import ufl
 import wall_scenes as walls
 from curved_scenes import FACE_0, FACE_1, rings
-from dolfinx import mesh
+from dolfinx import fem, mesh
 from mpi4py import MPI
 
 import dolfinx_llm as llm
+from dolfinx_llm import compat
 from dolfinx_llm.geometry.facets_near import Polygons, facing_pairs
 from dolfinx_llm.operators.bodies import Bodies
 
@@ -151,6 +154,44 @@ def test_nothing_is_found_through_a_plate(kind):
         for own, tag in interface.tagged_sides():
             at = mesh.compute_midpoints(wall.domain, wall.gdim - 1, own.find(tag))[:, 1]
             assert len(at) and np.abs(at - level).max() < 1e-9
+
+
+def test_faces_of_a_slot():
+    """A block in a slot, with play at its flanks: each face has its plane. As one interface the
+    normal was rounded off at the edges, and forces arose where nothing presses."""
+    at = [(0, 0), (1, 0), (2, 0), (0, 1), (2, 1)]
+    squares = [2.0 * np.array(at), 2.0 * np.array([(1, 1)])]
+    points, cells, play = [], [], 0.05
+    for low, n in zip(squares, (4, 5), strict=True):
+        for corner in low:
+            s, t = (a.ravel() for a in np.meshgrid(*[np.linspace(0.0, 2.0, n + 1)] * 2))
+            x = corner + np.column_stack([s, t])
+            if n == 5:
+                x = np.column_stack([play + 2.0 + (1.0 - play) * s, x[:, 1]])
+            i, j = (a.ravel() for a in np.meshgrid(np.arange(n), np.arange(n)))
+            first = sum(map(len, points)) + (n + 1) * j + i
+            cells.append(np.column_stack([first, first + 1, first + n + 1, first + n + 2]))
+            points.append(x)
+    joined = 5 * 25  # of the slot: squares share their nodes
+    x, number = np.unique(np.concatenate(points)[:joined].round(9), axis=0, return_inverse=True)
+    number = np.concatenate([number.ravel(), len(x) + np.arange(36)])
+    x = np.concatenate([x, points[-1]])
+    domain = compat.create_mesh(COMM, number[np.concatenate(cells)], x, "quadrilateral")
+    V = compat.function_space(domain, shape=(2,))
+    u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
+    load = fem.Constant(domain, np.zeros(2))
+    pushed = ufl.inner(load, w) * ufl.dx
+    a = ufl.inner(scenes.stress(u), ufl.grad(w)) * ufl.dx + 1e-3 * ufl.inner(u, w) * ufl.dx
+    bcs = scenes.hold_all(V, lambda p: p[1] < 1e-9, lambda p: 0.0 * p)
+    found = llm.find_interfaces(None, V, llm.Frictionless(), distance=0.2)
+    assert len(found) == 3
+    with llm.ContactProblem(a, pushed, bcs=bcs, interfaces=found) as problem:
+        for down in (0.0, -1.0):
+            load.value = [0.0, down]
+            problem.solve()
+            across = [np.abs(side.force).sum(axis=0) for r in problem.results for side in r.sides]
+            assert np.max(across, axis=0)[0] < 1e-9
+            assert down or not np.any(across)
 
 
 def test_distance_of_facets_that_cross():
