@@ -174,8 +174,8 @@ class Follower:
 
     surfaces: Sequence[Surface]  # as drawn: the loaded one, and one that may cover it
     sides: Sides | None  # with that
-    obstacle: Obstacle | None  # that may cover it
-    whole: bool  # all that is free; else less what is covered
+    obstacle: Obstacle | None = None  # that may cover it
+    whole: bool = True  # all that is free; else less what is covered
 
     def hold(self, z: Array, closed: Array) -> Covering | None:
         """Facets that touch in an increment that starts at coordinates z; None: it has none.

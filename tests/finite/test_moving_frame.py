@@ -336,7 +336,7 @@ def test_free_pressure_follows(name):
     for order in ((0, 1), (1, 0)):
         surfaces = [sides.surfaces[i] for i in order]
         z = np.concatenate([s.x.ravel() for s in surfaces])
-        follower = Follower(None, surfaces, Sides.of(surfaces))
+        follower = Follower(surfaces, Sides.of(surfaces))
         closed = np.ones(len(follower.sides.mover.x), dtype=bool)
         every = follower.hold(z, closed)
         closed[follower.sides.mover.cells[np.flatnonzero(every.facets)[0]]] = False
@@ -358,7 +358,7 @@ def test_free_and_covered_parts_are_all():
     z = np.concatenate([low.x.ravel(), high.x.ravel()])
     for surfaces, length in (((low, high), 1.0 - 0.48), ((high, low), 0.0)):
         z = np.concatenate([s.x.ravel() for s in surfaces])
-        follower = Follower(None, surfaces, Sides.of(surfaces))
+        follower = Follower(surfaces, Sides.of(surfaces))
         held = follower.hold(z, np.ones(len(follower.sides.mover.x), dtype=bool))
         force = follower.terms(z, 1.0, held)[0]
         assert abs(np.abs(force).sum() - length) < 1e-14
@@ -388,7 +388,7 @@ def test_pressure_around_a_body():
     x += rng.uniform(-0.2, 0.2, x.shape)
     facets = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
     box = Surface(x, np.array(facets), np.arange(8), np.zeros(8, dtype=int), "box")
-    follower = Follower(None, [box], None)
+    follower = Follower([box], None)
     force = follower.terms(x.ravel(), 1.0, None)[0].reshape(-1, 3)
     assert np.abs(force).max() > 0.2
     assert (
@@ -440,7 +440,7 @@ def test_pressure_on_bent_facets(kind):
     nor a moment; with its derivative, which is symmetric then."""
     body = closed(kind)
     z, d = body.x.ravel(), body.x.shape[1]
-    force = partial(Follower(None, [body], None).terms, p=1.0, held=None)
+    force = partial(Follower([body], None).terms, p=1.0, held=None)
     f, K = force(z)
     E, found = differences(lambda z: -force(z)[0], z)
     assert np.abs(K @ E - found).max() < 1e-8
