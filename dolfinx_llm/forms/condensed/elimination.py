@@ -25,6 +25,7 @@ from dolfinx_llm.operators.prescribed import RANK, REPEATED, pieces, without_rou
 
 SMALL = 200  # rows or columns up to which dense algebra is as fast
 TURNS = 4  # steps of inverse iteration
+NO_CONTRADICTION = 1e-10  # of the largest gap: contradictions that are rounding
 CLEAR = 1e-3  # of the largest column: smallest singular value with which squares are solved
 
 
@@ -151,6 +152,7 @@ class FrameElimination:
 
     def __init__(self, comm: MPI.Comm, D: csr_matrix, soft: csr_matrix | None = None) -> None:
         self.shape = k, m = D.shape
+        self._gives = np.zeros(k) if soft is None else soft.diagonal()
         D = without_rounding(D)  # one piece's rounding is no motion of what another determines
         joint = D if soft is None else hstack([D, soft], format="csr")
         size = np.sqrt(D.multiply(D).sum(axis=0).max()) if D.nnz else 1.0
@@ -179,6 +181,15 @@ class FrameElimination:
         for part in self._parts:
             v[part.dependent] = part.solve(g_D[part.rows])
         return v
+
+    def contradicting(self, g_D: Array, c: float) -> Array:
+        """(k,) forces μ with Dᵀ μ = 0 of rows that give way, of gaps g_D (k,) that contradict each
+        other by more than rounding; c is their unit of stiffness [force / length]."""
+        left, least = g_D.copy(), NO_CONTRADICTION * np.abs(g_D).max(initial=0.0)
+        for part in self._parts:
+            left[part.rows] -= part.Q @ (part.Q.T @ g_D[part.rows])
+        told = (np.abs(left) > least) & (self._gives > 0.0)
+        return np.where(told, c * left / np.where(told, self._gives, 1.0), 0.0)
 
     def multipliers(self, b: Array) -> Array:
         """(k,) smallest μ with Dᵀ μ = b, from b (r,) at the dependent unknowns."""

@@ -66,9 +66,9 @@ class FrictionStep:
         """What the matrix is made of, of the step as it is or reduced."""
         law = self._step if self._reduced is None else self._reduced
         soft = self._scale * self._step.compliance[self._on]
-        everywhere = np.ones(self._step.L.shape[1])
+        self._gives = self._step.compliance[self._on][self._rows.multipliers.mine]
         self._form = Transformation(
-            self._split, self._rows, self._fixed, everywhere, soft, whole=True
+            self._split, self._rows, self._fixed, np.ones(self._step.L.shape[1]), soft, whole=True
         )
         self._E, self._D = law.E[:, self._on], law.D
         self._test = self._form.columns_of(self._E.T.tocsr()[self._rows.multipliers.mine])
@@ -76,11 +76,8 @@ class FrictionStep:
         self._corner: Any = self._form.corner(-laws, self._scale, self._test)
 
     def _factorise(self) -> None:
-        prefix, own = self._of.own_options(("ksp_type", "pc_type"))
-        beside = self._split.beside(self._form.T, self._test)
-        matrix, self._corner = self._split.joined((*beside, self._corner)), None
-        matrix.setBlockSize(self._form.gdim)
-        self._solver = DirectSolver(matrix, prefix, own | {"pc_type": "lu"}, own=True)
+        self._solver = _factors(self._of, self._form, self._test, self._corner)
+        self._corner = None
 
     def ask(
         self, f: Array, g: Array, rhs: Array, about: Array | None = None
@@ -89,9 +86,11 @@ class FrictionStep:
         form, split, numbering = self._form, self._split, self._rows.multipliers
         main = about is not None
         kept = np.zeros(len(self._on)) if about is None else form.bound(about[self._on])
+        own = None if about is None else (about[self._on] - kept)[numbering.mine]
         w_0, C = 0.0, None
         if self._reduced is not None:
             (g, rhs, w_0), C = self._reduced.loads(g, rhs), self._reduced.C
+        kept = kept + form.contradicting(g[self._on], self._scale)
         loads = f, g[self._on][numbering.mine], rhs - self._E @ kept
         u_b, z_b = np.zeros(len(f)), np.zeros(len(rhs))
         b, u_0, v_0 = self._loads_about(u_b, z_b, *loads)
@@ -111,12 +110,12 @@ class FrictionStep:
             q = self._solver.once(b)
             for _ in range(REFINES * main):
                 u_b, z_b = u_b + (form.motion(q) + u_0), z_b + form.frame_motion(q, v_0)
-                b, u_0, v_0 = self._loads_about(u_b, z_b, *loads)
+                gaps = loads[1] - self._gives * (_of_bodies(form, f, u_b) - own)
+                b, u_0, v_0 = self._loads_about(u_b, z_b, f, gaps, loads[2])
                 forces = form.forces_alone(q)
                 q = forces + self._solver.once(self._solver.left(b, forces))
-        u, S = u_b + (form.motion(q) + u_0), split.surface
-        force = np.where(self._fixed[S], 0.0, f[S] - split.rows(u))
-        found = form.A.T @ force + form.frame_multipliers(q, self._scale)
+        u = u_b + (form.motion(q) + u_0)
+        found = _of_bodies(form, f, u) + form.frame_multipliers(q, self._scale)
         multiplier = np.zeros(len(g))
         multiplier[self._on] = gather_rows(split.comm, found)[numbering.number] + kept
         w = z_b + form.frame_motion(q, v_0)
@@ -239,3 +238,18 @@ class FrictionStep:
         for item in (self._solver, self._test, self._form.T, self._corner):
             if item is not None:
                 item.destroy()
+
+
+def _of_bodies(form: Transformation, f: Array, u: Array) -> Array:
+    """(R,) forces of this rank's rows on free dofs, by f - K u."""
+    S = form.split.surface
+    left = np.where(form.fixed[S], 0.0, f[S] - form.split.rows(u))
+    return np.asarray(form.A.T @ left)
+
+
+def _factors(of: FrictionSystem, form: Transformation, test: Any, corner: Any) -> DirectSolver:
+    """The factorised matrix, which uses up its corner."""
+    prefix, own = of.own_options(("ksp_type", "pc_type"))
+    matrix = of.split.joined((*of.split.beside(form.T, test), corner))
+    matrix.setBlockSize(form.gdim)
+    return DirectSolver(matrix, prefix, own | {"pc_type": "lu"}, own=True)

@@ -79,6 +79,11 @@ class Transformation:
         """(rows,) part of multipliers (rows,) that binds the frame alone."""
         return self._W_all.T @ self.bound_parts(multiplier)
 
+    def contradicting(self, g: Array, c: float) -> Array:
+        """(rows,) forces that gaps g (rows,) of rows which follow from others, and contradict them,
+        call for by their compliance: these are no unknowns, as they leave the frame at rest."""
+        return self._W_all.T @ self.frame.contradicting(self._W_all @ g, c)
+
     def columns_of(self, L: csr_matrix) -> Any:
         """T_S, where the rows of this rank see the frames' motion as L (R, m)."""
         nodes, frame = self._N_S.tocoo(), (self.A @ L).tocoo()
