@@ -55,8 +55,6 @@ class ClampedRows:
             g: (n,) gaps, where supports have moved [length].
         """
         left_out, holding, overlap = (np.zeros(len(g), dtype=of) for of in (bool, bool, float))
-        if not len(self._rows):
-            return left_out
         missed = chosen(self._comm, lambda: self._missed(g[self._rows]))
         rounding = max(ROUNDED_PART * np.abs(g).max(), FLUSH * self._positions)
         meets = missed > np.where(self._curved, -rounding, rounding)

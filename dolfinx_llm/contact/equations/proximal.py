@@ -147,6 +147,8 @@ class FrameRows:
         Args:
             moved: (m,) w less the term's centre [length].
         """
+        if not any(s.law.opens for s in self._states):
+            return 0.0
         now = self.rows()
         terms = [now.own, *(parts.beside for parts in now.slips)]
         return max(float(np.abs(term @ moved).max(initial=0.0)) for term in terms)
