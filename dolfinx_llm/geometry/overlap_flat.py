@@ -166,6 +166,8 @@ def _covered_parts(s: Array, facets: Array, area: Any) -> tuple[Array, Array, An
     inside = shapely.covers(area, shapes)
     partial = np.flatnonzero(~inside)
     partial = partial[shapely.intersects(area, shapes[partial])]
+    if not len(partial):
+        return inside, partial, shapes[partial]
     pieces = shapely.intersection(shapes[partial], area)
     # What rounding alone can cut off is no contact, and what it leaves is all of a facet.
     rounding = 1e-13 * np.abs(s).max() * shapely.length(shapes[partial])

@@ -119,6 +119,8 @@ def unheld(
     """
     body, parts = motions
     free, ways = parts.shape
+    if not free:
+        return Loose(csr_matrix((0, 0)))
     row = body[:, None] * ways + np.arange(ways)
     at = row.ravel(), np.repeat(np.arange(free), ways)
     moves = csr_matrix((parts.ravel(), at), (bodies.count * ways, free))
@@ -139,7 +141,7 @@ def unheld(
         found.eliminate_zeros()
         return found[independent_rows(found, UNHELD)]
 
-    return Loose(chosen(bodies.comm, held) if free else csr_matrix((0, 0)))
+    return Loose(chosen(bodies.comm, held))
 
 
 def least_squares(L: csr_matrix, b: Array) -> Array:

@@ -198,7 +198,9 @@ def _interface_result(
     # At the rim of what is covered corrected rows have entries of both signs, and may leave a node
     # next to nothing of either force or area. What acts there is the mean of the pairs about it.
     thin = area < CANCELLED * about
-    near, drag = _at_frame(geometry, sides, normal, weights)
+    near, drag = force, friction
+    if thin.any():
+        near, drag = _at_frame(geometry, sides, normal, weights)
     status = np.full(len(force), STICK)
     if not cartesian:
         pressed = np.where(thin, near, force) > FELT * np.abs(force).max(initial=0.0)
@@ -220,8 +222,10 @@ def _interface_result(
         density = per_area(acts, over)
         if not law.gives:  # whose force is that of the area, however little of it there is
             thickness = thickness_at(geometry.interface.thickness, frame.x)
-            joined, wild = _overshot(frame, about, density, thickness)
-            density[wild] = per_area(joined @ acts, joined @ over)[wild]
+            told = about > SPARSE * _covering(frame, thickness)
+            if not told.all():
+                joined, wild = _overshot(frame, told, density)
+                density[wild] = per_area(joined @ acts, joined @ over)[wild]
     frame, own = displaced(frame, nodal_values(geometry, v)), (force, area, friction, status)
     return InterfaceResult(frame, nodal, geometry.certificate, *own, density, presses)
 
@@ -246,21 +250,22 @@ def _at_frame(
     return along_normals(press, normal)[:, 0], along_normals(drag, normal)[:, 1:]
 
 
-def _overshot(
-    frame: Frame, about: Array, density: Array, thickness: Array | None
-) -> tuple[csr_matrix, Array]:
+def _covering(frame: Frame, thickness: Array | None) -> Array:
+    """(m,) area of a frame's cells about its nodes, of bodies in the plane with their thickness
+    (m,); None: 1 [area]."""
+    whole = np.linalg.norm(facet_vectors(frame.x, frame.corners, thickness), axis=2)
+    return np.bincount(frame.corners.ravel(), whole.ravel(), len(frame.x))
+
+
+def _overshot(frame: Frame, told: Array, density: Array) -> tuple[csr_matrix, Array]:
     """Which of a frame's nodes share cells (m, m), and (m,) nodes about which little is covered and
     that say far more than all others there: an edge is next to them, whose force is no pressure.
 
     Args:
-        about: (m,) area covered about the nodes [area].
+        told: (m,) nodes about which enough is covered.
         density: (m, k) what they say [force / area].
-        thickness: (m,) of bodies in the plane; None: 1 [length].
     """
-    cells, m = frame.corners, len(about)
-    whole = np.linalg.norm(facet_vectors(frame.x, cells, thickness), axis=2).ravel()
-    told = about > SPARSE * np.bincount(cells.ravel(), whole, m)
-    joined = adjacency(cells, m)
+    joined = adjacency(frame.corners, len(told))
     size = np.linalg.norm(density, axis=1)
     most = (joined @ diagonal(told * size)).max(axis=1).toarray().ravel()
     return joined, ~told & (most > 0.0) & (size > SPIKE * most)
