@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.sparse import block_diag, csr_matrix
+from scipy.sparse import block_diag, csr_matrix, vstack
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
@@ -59,6 +59,8 @@ def placed(values: Array, rows: Array, columns: Array, shape: tuple[int, int]) -
            [0., 2.]])
     """
     there = values != 0.0
+    if not there.any():
+        return csr_matrix(shape)
     row, column = (np.broadcast_to(at, values.shape)[there] for at in (rows, columns))
     return csr_matrix((values[there], (row, column)), shape)
 
@@ -105,6 +107,25 @@ def beside(blocks: Sequence[csr_matrix]) -> csr_matrix:
     [[1.0, 0.0], [0.0, 2.0]]
     """
     return blocks[0] if len(blocks) == 1 else block_diag(blocks, format="csr")
+
+
+def below(blocks: Sequence[csr_matrix]) -> csr_matrix:
+    """One below the other; a single one as it is.
+
+    >>> below([csr_matrix([[1.0]]), csr_matrix([[2.0]])]).toarray().tolist()
+    [[1.0], [2.0]]
+    """
+    return blocks[0] if len(blocks) == 1 else vstack(blocks, format="csr")
+
+
+def renumbered(matrix: csr_matrix, columns: Array, m: int) -> csr_matrix:
+    """(n, m) matrix of the same entries, with other numbers of the columns (k,).
+
+    >>> renumbered(csr_matrix([[1.0, 2.0]]), np.array([2, 0]), 3).toarray().tolist()
+    [[2.0, 0.0, 1.0]]
+    """
+    index = _small(columns[matrix.indices])
+    return csr_matrix((matrix.data, index, matrix.indptr), (matrix.shape[0], m))
 
 
 def symmetric_factors(A: Any, pivots: bool = False) -> Any:

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import bsr_matrix, csr_matrix, vstack
+from scipy.sparse import bsr_matrix, csr_matrix
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import placed
+from dolfinx_llm.base.sparse import below, placed, renumbered
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.obstacle import Swings
@@ -58,7 +58,7 @@ def interface_operator(
         entries = value * N.data[:, None, None], col, N.indptr
         blocks.append(bsr_matrix(entries, (N.shape[0] * c, N.shape[1] * d)).tocsr())
         blocks[-1].eliminate_zeros()
-    return vstack(blocks, format="csr")
+    return below(blocks)
 
 
 def frame_operator(geometry: InterfaceGeometry) -> csr_matrix:
@@ -71,8 +71,7 @@ def assemble_L_b(
     comm: MPI.Comm, L: csr_matrix, multipliers: Numbering, frames: Numbering
 ) -> PETSc.Mat:
     """L_b of (31) as PETSc AIJ, from that of all frames in the unknowns' own order."""
-    local = L[multipliers.mine].tocoo()
-    local = csr_matrix((local.data, (local.row, frames.number[local.col])), shape=local.shape)
+    local = renumbered(L[multipliers.mine], frames.number, L.shape[1])
     return create_aij(comm, multipliers.sizes, frames.sizes, local)
 
 

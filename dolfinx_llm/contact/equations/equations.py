@@ -18,7 +18,14 @@ from scipy.sparse import vstack as stack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
-from dolfinx_llm.base.sparse import beside, diagonal, per_item, picking, symmetric_factors
+from dolfinx_llm.base.sparse import (
+    below,
+    beside,
+    diagonal,
+    per_item,
+    picking,
+    symmetric_factors,
+)
 from dolfinx_llm.contact.equations.at_supports import borne
 from dolfinx_llm.contact.equations.clamped import ClampedRows
 from dolfinx_llm.contact.equations.friction_nodes import friction_nodes
@@ -248,11 +255,6 @@ def runaway(equations: Equations, multiplier: Array) -> str:
                 "the force"
             )
     return ""
-
-
-def below(blocks: list[csr_matrix]) -> csr_matrix:
-    """One below the other; a single one as it is."""
-    return blocks[0] if len(blocks) == 1 else stack(blocks, format="csr")
 
 
 def spread(equations: Equations, noise: float) -> float:

@@ -24,7 +24,7 @@ from scipy.sparse import csr_matrix, hstack, vstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.base.sparse import diagonal, nearest, of_nearest
+from dolfinx_llm.base.sparse import diagonal, nearest, of_nearest, renumbered
 from dolfinx_llm.geometry.spaces import is_function
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.law import Law
@@ -193,8 +193,7 @@ class FrictionNodes:
         own, first = of_rows.tocsr(), self.rows[0, 0]
         if own.shape[1] == n_all:
             return own
-        index = (own.indices + first).astype(own.indices.dtype)
-        return csr_matrix((own.data, index, own.indptr), (own.shape[0], n_all))
+        return renumbered(own, first + np.arange(own.shape[1]), n_all)
 
 
 def friction_nodes(operators: ContactOperators) -> list[FrictionNodes]:

@@ -19,7 +19,7 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import chosen, told
-from dolfinx_llm.base.sparse import diagonal
+from dolfinx_llm.base.sparse import diagonal, placed
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.prescribed import RANK, REPEATED, pieces, without_rounding
 
@@ -94,18 +94,18 @@ def eliminate_at_nodes(dofs: Array, vectors: Array, fixed: Array) -> NodeElimina
     S[np.linalg.norm(S, axis=2) <= REPEATED] = 0.0  # where it is all that there is, too
     inverse = np.linalg.pinv(S, rcond=REPEATED)
     value = inverse[group, :, place]
-    A = _csr(value, dofs, np.broadcast_to(np.arange(R)[:, None], dofs.shape), (n, R))
+    A = placed(value, dofs, np.arange(R)[:, None], (n, R))
 
     g, j, vector = _unit_eigenvectors(free[:, :, None] * np.eye(gdim) - inverse @ S)
     seat = np.argsort(~free, axis=1, kind="stable")[g, j]  # free dofs first
-    N = _csr(vector, nodes[g], np.broadcast_to(nodes[g, seat][:, None], vector.shape), (n, n))
+    N = placed(vector, nodes[g], nodes[g, seat][:, None], (n, n))
     kept = np.ones(n)
     kept[nodes[free]] = 0.0
     g, j, vector = _unit_eigenvectors(there[:, :, None] * np.eye(shape[1]) - S @ inverse)
     row = np.zeros(shape, dtype=np.int64)
     row[group, place] = np.arange(R)
-    number = np.broadcast_to(np.arange(len(g))[:, None], vector.shape)
-    return NodeElimination(A, N + diagonal(kept), _csr(vector, number, row[g], (len(g), R)))
+    W = placed(vector, np.arange(len(g))[:, None], row[g], (len(g), R))
+    return NodeElimination(A, N + diagonal(kept), W)
 
 
 def _unit_eigenvectors(P: Array) -> Any:
@@ -116,11 +116,6 @@ def _unit_eigenvectors(P: Array) -> Any:
     vector = vectors[g, :, column]
     vector[np.abs(vector) < 1e-15] = 0.0
     return g, column - first[g], vector
-
-
-def _csr(value: Array, rows: Any, cols: Any, shape: tuple[int, int]) -> csr_matrix:
-    keep = value != 0.0
-    return csr_matrix((value[keep], (rows[keep], cols[keep])), shape=shape)
 
 
 @dataclass(frozen=True, eq=False)

@@ -71,11 +71,12 @@ class SplitStiffness:
         return create_aij(rows.comm, rows.getSizes()[0], self.sizes, local)
 
     def corner(self, T: Any, D: Any, test: Any = None) -> Any:
-        """The last block of Tᵀ K T, with D, which has a stored diagonal, added to it; with ``test``
-        the T_S of its rows."""
+        """The last block of Tᵀ K T, with D, which has a stored diagonal, added to it, None:
+        nothing; with ``test`` the T_S of its rows."""
         test_t, K_T = _transposed(T if test is None else test), self.K_SS.matMult(T)
         corner = test_t.matMult(K_T)
-        corner.axpy(1.0, D, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        if D is not None:
+            corner.axpy(1.0, D, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         for M in (test_t, K_T):
             M.destroy()
         return corner

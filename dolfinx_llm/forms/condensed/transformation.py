@@ -11,7 +11,7 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix, diags
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import diagonal
+from dolfinx_llm.base.sparse import below, diagonal, renumbered
 from dolfinx_llm.forms.condensed.elimination import (
     EliminatedRows,
     FrameElimination,
@@ -56,13 +56,10 @@ class Transformation:
     def _frame_rows(self, soft: Array | None) -> tuple[csr_matrix, csr_matrix | None]:
         """D, the rows of all ranks that bind the frame alone, and how they give way, the same on
         every rank."""
-        W = self.W.tocoo()
-        count = self.comm.allgather(W.shape[0])
-        first = sum(count[: self.comm.rank])
-        self._mine_D = slice(first, first + W.shape[0])
-        parts = self.comm.allgather((W.data, W.row + first, self.rows.multipliers.mine[W.col]))
-        data, row, col = (np.concatenate(part) for part in zip(*parts, strict=True))
-        self._W_all = csr_matrix((data, (row, col)), shape=(sum(count), self.rows.L.shape[0]))
+        own = renumbered(self.W, self.rows.multipliers.mine, self.rows.L.shape[0])
+        every = self.comm.allgather(own)
+        first = sum(W.shape[0] for W in every[: self.comm.rank])
+        self._mine_D, self._W_all = slice(first, first + own.shape[0]), below(every)
         give = None if soft is None else self._W_all @ diags(soft) @ self._W_all.T
         return (self._W_all @ self.rows.L).tocsr(), give
 
@@ -86,17 +83,18 @@ class Transformation:
 
     def columns_of(self, L: csr_matrix) -> Any:
         """T_S, where the rows of this rank see the frames' motion as L (R, m)."""
-        nodes, frame = self._N_S.tocoo(), (self.A @ L).tocoo()
-        value, tail = np.concatenate([nodes.data, frame.data]), self.tail
-        row = np.concatenate([nodes.row, frame.row])
-        col = np.concatenate([tail.left[nodes.col] + tail.first, tail.columns[frame.col]])
-        local = csr_matrix((value, (row, col)), shape=(nodes.shape[0], tail.sizes[1]))
+        tail = self.tail
+        local = renumbered(self.A @ L, tail.columns, tail.sizes[1])
+        if self._N_S.nnz:
+            local = local + renumbered(self._N_S, tail.left + tail.first, tail.sizes[1])
         return create_aij(self.comm, self.split.K_SS.getSizes()[0], tail.sizes, local)
 
     def corner(self, D: csr_matrix, idle: float, test: Any = None) -> Any:
         """Tᵀ K T of the tail, plus D (m, m) at the frames' unknowns, and ``idle`` on the diagonal
         where it has a place without an unknown; with ``test`` the T_S of its rows."""
         tail = self.tail
+        if not self.comm.allreduce(bool(D.nnz or tail.idle.any()), op=MPI.LOR):
+            return self.split.corner(self.T, None, test)
         D, diagonal = D[tail.mine_used].tocoo(), np.arange(tail.sizes[0])
         value = np.concatenate([D.data, idle * tail.idle])
         row = np.concatenate([tail.seats[D.row], diagonal])
