@@ -26,6 +26,7 @@ from dolfinx_llm.operators.prescribed import RANK, REPEATED, pieces, without_rou
 SMALL = 200  # rows or columns up to which dense algebra is as fast
 TURNS = 4  # steps of inverse iteration
 NO_CONTRADICTION = 1e-10  # of the largest gap: contradictions that are rounding
+ORTHONORMAL = 1e-15  # by which products of rows may be off: rounding
 CLEAR = 1e-3  # of the largest column: smallest singular value with which squares are solved
 
 
@@ -92,30 +93,44 @@ def eliminate_at_nodes(dofs: Array, vectors: Array, fixed: Array) -> NodeElimina
     S = np.zeros((*shape, gdim))
     S[group, place] = vectors * free[group]
     S[np.linalg.norm(S, axis=2) <= REPEATED] = 0.0  # where it is all that there is, too
-    inverse = np.linalg.pinv(S, rcond=REPEATED)
+    inverse = _inverses(S)
     value = inverse[group, :, place]
     A = placed(value, dofs, np.arange(R)[:, None], (n, R))
 
-    g, j, vector = _unit_eigenvectors(free[:, :, None] * np.eye(gdim) - inverse @ S)
-    seat = np.argsort(~free, axis=1, kind="stable")[g, j]  # free dofs first
-    N = placed(vector, nodes[g], nodes[g, seat][:, None], (n, n))
     kept = np.ones(n)
     kept[nodes[free]] = 0.0
+    N = diagonal(kept)
+    g, j, vector = _unit_eigenvectors(free[:, :, None] * np.eye(gdim) - inverse @ S)
+    if len(g):
+        seat = np.argsort(~free, axis=1, kind="stable")[g, j]  # free dofs first
+        N = N + placed(vector, nodes[g], nodes[g, seat][:, None], (n, n))
     g, j, vector = _unit_eigenvectors(there[:, :, None] * np.eye(shape[1]) - S @ inverse)
     row = np.zeros(shape, dtype=np.int64)
     row[group, place] = np.arange(R)
     W = placed(vector, np.arange(len(g))[:, None], row[g], (len(g), R))
-    return NodeElimination(A, N + diagonal(kept), W)
+    return NodeElimination(A, N, W)
+
+
+def _inverses(S: Array) -> Array:
+    """Pseudo-inverses of S (n, r, c): transposes, where rows are orthonormal, or 0."""
+    inverse = S.transpose(0, 2, 1).copy()
+    off = S @ inverse
+    size = np.einsum("nrr->nr", off)
+    size[size > 0.5] -= 1.0
+    rest = np.flatnonzero(np.abs(off).max(axis=(1, 2), initial=0.0) > ORTHONORMAL)
+    inverse[rest] = np.linalg.pinv(S[rest], rcond=REPEATED)
+    return inverse
 
 
 def _unit_eigenvectors(P: Array) -> Any:
     """Orthonormal bases of the ranges of projectors P (n, k, k): matrix, place, vector of each."""
-    values, vectors = np.linalg.eigh(P)
+    some = np.flatnonzero(np.einsum("nkk->n", P) > 0.5)  # traces are their ranks
+    values, vectors = np.linalg.eigh(P[some])
     g, column = np.nonzero(values > 0.5)  # ascending: the last ones
-    first = P.shape[1] - np.bincount(g, minlength=len(P))
+    first = P.shape[1] - np.bincount(g, minlength=len(some))
     vector = vectors[g, :, column]
     vector[np.abs(vector) < 1e-15] = 0.0
-    return g, column - first[g], vector
+    return some[g], column - first[g], vector
 
 
 @dataclass(frozen=True, eq=False)
