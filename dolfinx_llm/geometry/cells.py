@@ -5,6 +5,7 @@ from itertools import chain
 
 import numpy as np
 from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.element import CORNERS as CORNERS
@@ -78,11 +79,21 @@ def outline_edges(facets: Array) -> Array:
     if facets.shape[1] == 2:
         nodes, count = np.unique(facets, return_counts=True)
         return nodes[count == 1][:, None]
-    edges = np.stack([facets, np.roll(facets, -1, axis=1)], axis=2).reshape(-1, 2)
-    _, first, count = np.unique(
-        np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True
-    )
-    return edges[first[count == 1]]
+    start, end = facets.ravel(), np.roll(facets, -1, axis=1).ravel()
+    number = np.minimum(start, end) * (facets.max(initial=0) + 1) + np.maximum(start, end)
+    _, first, count = np.unique(number, return_index=True, return_counts=True)
+    return np.column_stack([start, end])[first[count == 1]]
+
+
+def connected(cells: Array, n: int) -> tuple[Array, Array]:
+    """(m,), (n,) the connected part of each cell (m, k) and of each node: cells hang together by
+    nodes."""
+    m, k = cells.shape
+    starts = k * np.minimum(np.arange(m + n + 1, dtype=np.int32), m)  # rows of nodes are empty
+    nodes = (m + cells.ravel()).astype(np.int32)
+    graph = csr_matrix((np.ones(m * k), nodes, starts), (m + n, m + n))
+    part = connected_components(graph, directed=False)[1]
+    return part[:m], part[m:]
 
 
 def facets_around(facets: Array, m: int) -> csr_matrix:

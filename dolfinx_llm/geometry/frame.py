@@ -89,7 +89,7 @@ class Frame:
             )
         if not np.isfinite(x).all():
             raise ContactInputError(f"frame: {np.sum(~np.isfinite(x))} coordinates are not finite")
-        unused = np.setdiff1d(np.arange(len(x)), cells)
+        unused = np.flatnonzero(np.bincount(cells.ravel(), minlength=len(x)) == 0)
         if len(unused):
             raise ContactInputError(f"frame: nodes {unused[:10].tolist()} belong to no cell")
         bad = np.flatnonzero(self._corner_jacobians.min(axis=1) <= 1e-8)

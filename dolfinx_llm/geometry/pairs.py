@@ -211,9 +211,9 @@ def with_weights(pairs: ContactPairs, N: csr_matrix, frame: Frame) -> ContactPai
 def rank_certificate(frame: Frame, N: Sequence[csr_matrix]) -> tuple[float, float]:
     """Smallest and largest singular value of the scalar L_b (both sides stacked), which must have
     full column rank ((33) needs it), and a ratio of them above ``BOUND``."""
-    L = vstack(N).tocsc()
-    support = np.asarray(abs(L).sum(axis=0)).ravel()
+    L = vstack(N, format="csr")
     m = L.shape[1]
+    support = np.bincount(L.indices, np.abs(L.data), m)
     free = np.flatnonzero(support <= 1e-12)
     if L.shape[0] < m or len(free):
         weak = np.argsort(support)[:10]  # of those that are too many, the least supported

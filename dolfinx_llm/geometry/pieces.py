@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.geometry.cells import unit, vector_areas
+from dolfinx_llm.geometry.cells import connected, unit, vector_areas
 from dolfinx_llm.geometry.facing import TURN, Facing, Separation, facing_facets
 from dolfinx_llm.geometry.overlap_curved import is_flat
 from dolfinx_llm.geometry.overlap_flat import Plane, common_area, common_plane, plane_with
@@ -173,7 +173,8 @@ def separated(piece: Piece, sides: Sequence[Surface]) -> list[Piece]:
     the piece itself."""
     if piece.plane is None:
         return [piece]
-    label = [_connected(side.facets[own]) for side, own in zip(sides, piece.facets, strict=True)]
+    both = zip(sides, piece.facets, strict=True)
+    label = [connected(side.facets[own], len(side.x))[0] for side, own in both]
     if not any(own.max(initial=0) for own in label):
         return [piece]
     x = [
@@ -204,13 +205,6 @@ def separated(piece: Piece, sides: Sequence[Surface]) -> list[Piece]:
         np.unique(np.concatenate(n), return_counts=True)[1].max() > 1 for n in nodes if n
     )
     return found if meet else [piece]
-
-
-def _connected(facets: Array) -> Array:
-    """(m,) connected part of each facet, by nodes."""
-    i, j = neighbours(facets, by_nodes=True)
-    graph = coo_matrix((np.ones(len(i)), (i, j)), (len(facets),) * 2)
-    return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def tied_plane(parts: Sequence[Surface]) -> Plane | None:

@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.geometry.cells import connected
 from dolfinx_llm.geometry.pairs import control_points
 from dolfinx_llm.geometry.surface import Surface
 
@@ -22,12 +23,7 @@ def body_labels(V: Any) -> tuple[Array, int]:
     the mesh's connectivity on all ranks together."""
     comm, index_map = V.mesh.comm, V.dofmap.index_map
     n = index_map.size_local + index_map.num_ghosts
-    dofs = compat.cell_dofs(V)
-    k = dofs.shape[1]
-    graph = csr_matrix(
-        (np.ones(dofs[:, 1:].size), (np.repeat(dofs[:, 0], k - 1), dofs[:, 1:].ravel())), (n, n)
-    )
-    _, part = connected_components(graph, directed=False)
+    part = connected(compat.cell_dofs(V), n)[1]
     number = index_map.local_to_global(np.arange(n, dtype=np.int32))
     label = _of_groups(np.maximum, number, part, part.max(initial=-1) + 1, -1)
     if comm.size > 1:
