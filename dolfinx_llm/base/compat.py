@@ -231,13 +231,16 @@ def prescribed_values(V: Any, bcs: Sequence[Any]) -> Array:
 
 def prescribed(V: Any, bcs: Sequence[Any]) -> tuple[Array, Array]:
     """Whether conditions prescribe each owned and ghost dof, and which values."""
-    b, marks = dolfinx.fem.Function(V).x, []  # a PETSc vector with ghosts takes ten times as long
-    for start in (0.0, 1.0):  # a dof is fixed where the result does not depend on the start
-        b.array[:] = start
+    n = V.dofmap.index_map_bs * ((nodes := V.dofmap.index_map).size_local + nodes.num_ghosts)
+    b = dolfinx.fem.Function(V).x if V.mesh.comm.size > 1 else None  # it takes a communicator
+    marks = np.repeat([[0.0], [1.0]], n, axis=1).astype(PETSc.ScalarType)
+    for values in marks:  # a dof is fixed where the result does not depend on the start
         for bc in bcs:
-            bc.set(b.array) if hasattr(bc, "set") else dolfinx.fem.set_bc(b.array, [bc])
-        b.scatter_forward()
-        marks.append(b.array.copy())
+            bc.set(values) if hasattr(bc, "set") else dolfinx.fem.set_bc(values, [bc])
+        if b is not None:
+            b.array[:] = values
+            b.scatter_forward()
+            values[:] = b.array
     return (marks[0] == marks[1]) | np.isnan(marks[0]), marks[0]
 
 

@@ -43,12 +43,16 @@ class ContactIteration:
         self.operators, self.equations = operators, Equations(operators)
         self.states = self.equations.states
         self.bar: tqdm | None = None
-        self.forget()
+        self._rests()
 
     def forget(self) -> None:
         """Start anew: at rest, all in contact, no slip history."""
         for state in self.states:
             state.forget()
+        self._rests()
+
+    def _rests(self) -> None:
+        """No load step has been taken."""
         nothing: Any = None
         self.multiplier = self.w = self.alpha = self.last = nothing
         self.forces = self.ended = self.pressed = self.rounding = self.rounded = self.felt = 0.0

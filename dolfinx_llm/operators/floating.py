@@ -56,9 +56,7 @@ class Floating:
         self.comm = rigid.bodies.comm
         self.rigid = rigid
         self.count, self.loose = self.rigid.free, loose
-        self.modes = self.rigid.modes[:, : self.count]
         self.pins = rigid.pins(self.count)
-        self._pinned = self.modes[self.pins]
         self.square, self._at_pins = csr_matrix((0, 0)), None
         if self.count:
             at_pins = vstack(self.comm.allgather(self._pinned), format="csc")
@@ -67,6 +65,16 @@ class Floating:
         if len(rigid.body):
             own = (local_csr(B).T @ self.rigid.modes).tocsr()
             self.G = self.comm.allreduce(own)[rows.number]
+
+    @cached_property
+    def modes(self) -> csr_matrix:
+        """(n_local, count) these motions of this rank's dofs."""
+        return self.rigid.modes[:, : self.count]
+
+    @cached_property
+    def _pinned(self) -> csr_matrix:
+        """(pins, count) of the pins alone."""
+        return self.modes[self.pins]
 
     def at_pins(self, amounts: Array) -> Array:
         """Motion of this rank's pins for (count,) α [length]."""

@@ -114,7 +114,8 @@ class BodyDofs:
         mine = (at >= 0) & (at < len(local))
         values = np.zeros(at.shape)
         values[mine] = local[at[mine]]
-        return self.comm.allreduce(values)
+        self.comm.Allreduce(MPI.IN_PLACE, values)
+        return values
 
 
 @dataclass(frozen=True)

@@ -192,6 +192,8 @@ class SplitStiffness:
 
     def hold(self, at: list[int], stiffness: float) -> None:
         """Springs at this rank's dofs, local numbers, instead of those there were."""
+        if not self.comm.allreduce(len(at) + len(self._held[0])):
+            return
         held = np.array(at, dtype=np.int64)
         of, on_surface = self.diagonal[held] + stiffness, np.isin(held, self.surface)
         start = self.K_SS.getOwnershipRange()[0]
