@@ -62,7 +62,7 @@ def sums(values: Array, indptr: Array) -> Array:
 
 def spread(values: Array, indptr: Array) -> Array:
     """Values of rows at their entries."""
-    return np.repeat(values, np.diff(indptr), axis=0)
+    return np.repeat(values, indptr[1:] - indptr[:-1], axis=0)
 
 
 def adjacency(cells: Array, m: int) -> csr_matrix:

@@ -181,8 +181,8 @@ def extract_surface(V: Any, facet_tags: Any, tag: int) -> Surface:
     with collective(comm):
         rows = _local_facets(V, facet_tags.indices[facet_tags.values == tag])
     dofs, owners, source, inside, points, centres = (gather_rows(comm, r) for r in rows)
-    present = np.unique(gather_rows(comm, np.unique(facet_tags.values)))
     if not len(dofs):
+        present = np.unique(gather_rows(comm, np.unique(facet_tags.values)))
         raise ContactInputError(
             f"no facet has tag {tag}; the facet tags given have the values {present[:20].tolist()}"
         )

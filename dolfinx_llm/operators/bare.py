@@ -1,6 +1,7 @@
 """Displacements without any stiffness, of bodies that forms leave out, or with a negative one."""
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm.base import checks
@@ -46,12 +47,12 @@ def check_stiffness(K: PETSc.Mat, dofs: BodyDofs, form: str, at_rest: bool = Tru
 def _where(found: Array, free: Array, dofs: BodyDofs) -> tuple[str, str] | None:
     """How many of the free displacements are found, of all ranks, and from where to where; None:
     no one; collective."""
+    if not dofs.comm.allreduce(bool(found.any()), op=MPI.LOR):
+        return None
     x = dofs.points[np.unique(np.flatnonzero(found) // dofs.components)]
     ends = [] if not len(x) else [x.min(axis=0), x.max(axis=0)]
     told = dofs.comm.allgather((int(found.sum()), int(free.sum()), ends))
     count, every = (sum(part[i] for part in told) for i in (0, 1))
-    if not count:
-        return None
     box = np.array([end for part in told for end in part[2]])
     low, high = (checks.place(of(box, axis=0)) for of in (np.min, np.max))
     return f"{count} of {every}", f"{low} to {high}"

@@ -57,7 +57,7 @@ class Transformation:
         """D, the rows of all ranks that bind the frame alone, and how they give way, the same on
         every rank."""
         own = renumbered(self.W, self.rows.multipliers.mine, self.rows.L.shape[0])
-        every = self.comm.allgather(own)
+        every = self.comm.allgather(own) if self.comm.allreduce(own.shape[0]) else [own]
         first = sum(W.shape[0] for W in every[: self.comm.rank])
         self._mine_D, self._W_all = slice(first, first + own.shape[0]), below(every)
         give = None if soft is None else self._W_all @ diags(soft) @ self._W_all.T
