@@ -47,15 +47,17 @@ def times(M: PETSc.Mat, x: Array, transposed: bool = False) -> Array:
 
 
 def products(M: PETSc.Mat, X: Array) -> Array:
-    """(n_local, k) this rank's part of M X, for that of X (m_local, k)."""
-    right, left = M.createVecs()
-    found = np.empty((M.getLocalSize()[0], X.shape[1]), order="F")
-    for source, target in zip(X.T, found.T, strict=True):
-        right.array_w[:] = source
-        M.mult(right, left)
-        target[:] = left.array_r
-    right.destroy()
-    left.destroy()
+    """(n_local, k) this rank's part of M X, for that of X (m_local, k): of all columns at once, for
+    which M is read once."""
+    if not X.shape[1]:
+        return np.zeros((M.getLocalSize()[0], 0))
+    sizes = (M.getSizes()[1], (PETSc.DECIDE, X.shape[1]))
+    dense = PETSc.Mat().createDense(sizes, array=np.asfortranarray(X), comm=M.comm)
+    dense.assemble()
+    product = M.matMult(dense)
+    found: Array = product.getDenseArray().copy()
+    for item in (dense, product):
+        item.destroy()
     return found
 
 
