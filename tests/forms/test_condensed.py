@@ -18,6 +18,8 @@ from petsc4py import PETSc
 from sampling import longer, some_of
 
 import dolfinx_llm as llm
+from dolfinx_llm.contact.equations import equations, proximal
+from dolfinx_llm.contact.results import results
 from dolfinx_llm.forms import cost
 from dolfinx_llm.forms.condensed import friction, friction_system, krylov, modes
 from dolfinx_llm.forms.condensed import kept as multigrid
@@ -118,6 +120,23 @@ def test_second_solve_keeps_the_set_up(options, monkeypatch):
     second = contact.solve().x.array
     assert calls == []
     assert np.abs(second + 3.0 * first).max() <= 1e-11 * np.abs(second).max()
+
+
+@pytest.mark.parametrize("options", [None, DIRECT])
+def test_ties_ask_for_what_they_need(options, monkeypatch):
+    """Neither for rows of frames, which are laws', nor which nodes are about the rim of contact,
+    where both sides cover each other."""
+
+    def asked(*args):
+        raise AssertionError("is not needed")
+
+    for module, name in (
+        (proximal, "proximal_term"), (equations, "ClampedRows"), (results, "adjacency"),
+    ):  # fmt: skip
+        monkeypatch.setattr(module, name, asked)
+    contact, _ = blocks(options=options)
+    contact.solve()
+    assert contact.results[0].certificate.residual < 1e-13
 
 
 def test_sizes():
