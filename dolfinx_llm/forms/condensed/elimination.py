@@ -97,9 +97,7 @@ def eliminate_at_nodes(dofs: Array, vectors: Array, fixed: Array) -> NodeElimina
     value = inverse[group, :, place]
     A = placed(value, dofs, np.arange(R)[:, None], (n, R))
 
-    kept = np.ones(n)
-    kept[nodes[free]] = 0.0
-    N = diagonal(kept)
+    N = diagonal(1.0 - np.isin(np.arange(n), nodes[free]))
     g, j, vector = _unit_eigenvectors(free[:, :, None] * np.eye(gdim) - inverse @ S)
     if len(g):
         seat = np.argsort(~free, axis=1, kind="stable")[g, j]  # free dofs first
