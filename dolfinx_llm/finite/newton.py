@@ -11,8 +11,9 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.base.log import progress, tell_iteration
+from dolfinx_llm.base.log import progress, tell_iteration, warn
 from dolfinx_llm.base.parallel import collective
+from dolfinx_llm.finite import doubts
 from dolfinx_llm.finite.failures import (
     Going,
     NothingHolds,
@@ -21,6 +22,7 @@ from dolfinx_llm.finite.failures import (
     unbalanced,
     where,
 )
+from dolfinx_llm.finite.frame_slip import Slid
 from dolfinx_llm.finite.increment import Increment
 from dolfinx_llm.finite.load_step import Bodies, Equations, LoadStep, NewtonState
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstacleFriction
@@ -31,16 +33,14 @@ from dolfinx_llm.finite.passage import (
     check_obstacle,
     check_passage,
     left_over_edge,
-    say_left,
 )
-from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
+from dolfinx_llm.laws.rows import SLIP, STICK
 
 log = logging.getLogger("dolfinx_llm")
 
 NEWTON_ITERATIONS = 25
 HALVINGS = 8  # of an increment
 CHORD = 0.8  # rad, by which obstacles with friction turn in an increment at most
-LEAPS = 10.0  # times as far as supports and obstacles have gone
 DRIVEN = 1e-6  # of what supports push with, that loads may change by where these alone move bodies
 
 
@@ -53,14 +53,16 @@ class NewtonSteps:
     Attributes:
         history: of the last step, a dict per iteration.
         terms: of the interfaces there.
-        slips: (n, gdim) of each one's pairs, in all of the last load step [length].
+        slips: (n, gdim) of each one's pairs and (m, gdim) of its frame's nodes, in all of the last
+            load step [length].
     """
 
     def __init__(self, equations: Equations) -> None:
         self.equations = equations
         self.history: list[dict[str, Any]] = []
         self.terms: list[ContactTerms] = []
-        self.slips: list[Array] = []
+        self.slips: list[tuple[Array, Array]] = []
+        self._told: list[str] = []
         self._reached: NewtonState
 
     def step(
@@ -78,7 +80,7 @@ class NewtonSteps:
         """
         self.history, self._reached, self._leapt = [], step.start, (0.0, 0.0)
         self._left = [np.zeros(1, dtype=bool)] * len(self.equations.interfaces)
-        self._slid: list[Any] = [None] * len(self.equations.interfaces)
+        self._slid = [Slid(placed.what) for placed in self.equations.interfaces]
         done, part, smallest = 0.0, 1.0 / increments, 2.0**-HALVINGS / increments
         unheld = False  # nothing held a body in the last increment tried
         with progress(None, "load step") as bar:
@@ -105,8 +107,7 @@ class NewtonSteps:
                 else:
                     done, part, unheld = end, min(2.0 * part, 1.0 / increments), False
                     yield self._reached
-        self._say_left()
-        self._say_leapt()
+        self._say()
 
     def unbalanced(self, start: NewtonState) -> Array:
         """(n_local,) residual of a state under the loads as they are now, but for follower loads;
@@ -135,8 +136,8 @@ class NewtonSteps:
                     self._check(run, before, start)
                     self._measure(run, step, start)
                     self.terms = run.terms
-                    slips = [self._slip(i, run, start.status[i]) for i in range(len(run.terms))]
-                    self.slips = slips
+                    of = zip(self._slid, before, run.terms, run.held, start.status, strict=True)
+                    self.slips = [slid.on(*then) for slid, *then in of]
                     return replace(_state(run), status=start.status) if rests else _state(run)
                 if going.stopped(run.far / self.equations.bodies.size, run.changes, run.error):
                     raise unbalanced(self.equations, run.error, _left(run))
@@ -200,16 +201,6 @@ class NewtonSteps:
                     check_held(placed.what, t)
             self._left[i] = self._left[i] | left_over_edge(place, q, t.place)
 
-    def _slip(self, i: int, run: Increment, before: Array | None) -> Array:
-        """(n, gdim) of an interface's pairs since the start of the load step, of pairs that have
-        parted since then from where they touched again; (n,) ``before``: their status at the start
-        of this increment."""
-        contact, t = self.equations.interfaces[i].what, run.terms[i]
-        since = (t.status == OPEN) | (False if before is None else before != OPEN)
-        slip = contact.slip(t.place, run.held[i], since, self._slid[i])
-        self._slid[i] = contact.written(t.place, slip)
-        return np.asarray(slip)
-
     def _measure(self, run: Increment, step: LoadStep, start: NewtonState) -> None:
         """How far bodies have gone in an increment, and what moved them: where supports and
         obstacles alone did, without turns and forces. Collective."""
@@ -226,24 +217,15 @@ class NewtonSteps:
         if driven > 0.0 and far * self._leapt[1] >= self._leapt[0] * driven:
             self._leapt = far, driven
 
-    def _say_leapt(self) -> None:
-        """Warn of bodies that have gone much farther than what moves them."""
-        far, driven = self._leapt
-        if far > LEAPS * driven and self.equations.bodies.dofs.comm.rank == 0:
-            log.warning(
-                "in an increment of this load step bodies moved by %.2g, what moves them by %.2g: "
-                "they snapped, or nothing but contact holds one, and did not at first. There may "
-                "be other states. Take smaller steps, or hold it with weak springs",
-                far,
-                driven,
-            )
-
-    def _say_left(self) -> None:
-        """Warn of nodes that have left a frame over its edge."""
+    def _say(self) -> None:
+        """Warn of what is doubtful in a load step, where that was not told of the last one."""
+        told, before = doubts.leapt(*self._leapt), self._told
         of = zip(self.equations.interfaces, self._left, self.terms, strict=True)
         for placed, left, t in of:
-            if left.any() and self.equations.bodies.dofs.comm.rank == 0:
-                log.warning(say_left(placed.what.sides, left, t.place))
+            told += doubts.left_over(placed.what.sides, left, t.place)
+            told += doubts.deep(placed.what, t)
+        self._told = told
+        warn(self.equations.bodies.dofs.comm, told, before)
 
 
 def _check_start(bodies: Bodies, u: Array, failed: StepFailed) -> None:

@@ -245,15 +245,3 @@ def left_over_edge(before: Place, force: Array, after: Place) -> Array:
     force = force[: len(after.gap)]
     bore = (force > BORE * force.max(initial=0.0)) & (before.at.beyond <= OVER)
     return bore & (~after.at.met | (after.at.beyond > OVER))
-
-
-def say_left(sides: Sides, left: Array, after: Place) -> str:
-    """What to say of nodes (n,) that have left the frame over its edge."""
-    moving, frame = sides.mover.name, sides.carrier.name
-    place = sides.split(after.z)[0][np.flatnonzero(left)[0]] + sides.surfaces[0].origin
-    first = checks.place(place)
-    return (
-        f"{left.sum()} node(s) of {moving} that carried force have left {frame} over its edge in "
-        f"this load step, the first is at {first}: nothing presses on them there. If the body goes "
-        "on, tag more of it"
-    )

@@ -15,7 +15,6 @@ from dolfinx_llm.finite.frame_side import (
     gap_of_frame,
     mover_at_frame,
     shapes_on_frame,
-    slip_of_frame,
     status_of_frame,
     with_tool_forces,
 )
@@ -37,8 +36,7 @@ class MovingSideResult:
 
     ``slip`` is the whole relative motion along the surface in the last load step, in however many
     increments, with friction or without: where a node is against where the point is now that it
-    faced at the start, or touched first. Nodes that carry the frame have what linear functions say
-    that fit the slip of the other side's nodes about them.
+    faced at the start, or touched first. Of nodes that carry the frame see ``frame_slip``.
     """
 
     X: Array  # (n, gdim) as drawn [length]
@@ -118,7 +116,7 @@ class MovingInterfaceResult(InterfaceForces):
 
 
 def moving_results(
-    contact: MovingContact, z: Array, terms: ContactTerms, slip: Array
+    contact: MovingContact, z: Array, terms: ContactTerms, slip: Array, slip_there: Array
 ) -> MovingInterfaceResult:
     """The result of one interface; the same on every rank.
 
@@ -127,6 +125,7 @@ def moving_results(
         z: all its coordinates [length].
         terms: in this configuration.
         slip: (n, gdim) of the pairs in the load step [length].
+        slip_there: (m, gdim) of the frame's nodes.
     """
     if isinstance(contact, ObstacleContact):
         return _against_obstacle(contact, z, terms, slip)
@@ -134,12 +133,10 @@ def moving_results(
     active = status != OPEN
     places = sides.in_order(*sides.split(z))
     y = sides.split(z)[1]
-    if sides.prescribed:  # which may have nodes far closer to each other
+    shapes = shapes_on_frame(sides, z, contact.located(place))
+    if sides.prescribed:
         opposite = mover_at_frame(sides, z)
-        shapes = (opposite @ sides.nodal).maximum(0.0).T.tocsr()
         terms = with_tool_forces(sides, terms, shapes)
-    else:
-        shapes = shapes_on_frame(sides, contact.located(place))
     forces = sides.in_order(*sides.split(-terms.force))
     outward = sides.outward(z)
     normals = sides.in_order(-place.normal, outward)
@@ -147,7 +144,7 @@ def moving_results(
     at_frame = status_of_frame(shapes, status)
     loaded = at_frame != OPEN
     own_slip = np.where(active[:, None], sides.nodal @ slip, 0.0)
-    slips = sides.in_order(own_slip, slip_of_frame(sides, shapes, z, outward, slip))
+    slips = sides.in_order(own_slip, slip_there)
     shut, frame_gap = active & (not contact.overlaps), gap_of_frame(sides, z, place.pairs)
     if not contact.overlaps:
         frame_gap = np.where(loaded, 0.0, np.maximum(frame_gap, 0.0))

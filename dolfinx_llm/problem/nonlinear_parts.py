@@ -233,7 +233,7 @@ def results_of(
     """
     placed, dofs = newton.equations.interfaces, newton.equations.bodies.dofs
     of = zip(placed, newton.terms, newton.slips, strict=True)
-    results = [moving_results(p.what, p.at(dofs, state.u), terms, slip) for p, terms, slip in of]
+    results = [moving_results(p.what, p.at(dofs, state.u), terms, *slip) for p, terms, slip in of]
     results = told(dofs.comm, deepcopy(results))  # their arrays are the user's
     for interface, p, result in zip(interfaces, placed, results, strict=True):
         sides = p.what.sides

@@ -152,16 +152,29 @@ class SlidesOnFrame(Slides):
     def written(self, place: Any, slip: Array) -> csr_matrix:
         """(n, m) rows D: in the tangent plane sum_J D_pJ y_J is the slip; they are derivatives of
         the shape functions along it."""
-        at, y = place.at, self.sides.split(place.z)[1]
-        cells = self.sides.carrier.cells[at.facet]
-        edges = np.einsum("nkd,nki->ndi", at.dN, y[cells])
-        k, d, gdim = edges.shape
-        normals = np.repeat(place.normal, d, axis=0)
-        edges = in_plane(normals, edges.reshape(-1, gdim)).reshape(k, d, gdim)
-        along = np.einsum("nid,ni->nd", np.linalg.pinv(edges), slip)
-        values = np.einsum("nkd,nd->nk", at.dN, along)
-        index = np.repeat(np.arange(k), cells.shape[1]), cells.ravel()
-        return csr_matrix((values.ravel(), index), place.N.shape)
+        y, cells = self.sides.split(place.z)[1], self.sides.carrier.cells
+        return along_facets(place.at, y, cells, place.normal, slip)
 
     def read(self, place: Any, written: csr_matrix) -> Array:
         return np.asarray(written @ self.sides.split(place.z)[1])
+
+
+def along_facets(at: OnFrame, y: Array, facets: Array, normal: Array, w: Array) -> csr_matrix:
+    """(n, m) rows D by which sum_J D_J y_J is what of vectors w lies in tangent planes: derivatives
+    of the shape functions along facets.
+
+    Args:
+        at: n places on the facets.
+        y: (m, gdim) nodes of these [length].
+        facets: (f, k).
+        normal: (n, gdim) of the planes.
+        w: (n, gdim) [length].
+    """
+    cells = facets[at.facet]
+    edges = np.einsum("nkd,nki->ndi", at.dN, y[cells])
+    n, d, gdim = edges.shape
+    edges = in_plane(np.repeat(normal, d, axis=0), edges.reshape(-1, gdim)).reshape(n, d, gdim)
+    along = np.einsum("nid,ni->nd", np.linalg.pinv(edges), w)
+    values = np.einsum("nkd,nd->nk", at.dN, along)
+    index = np.repeat(np.arange(n), cells.shape[1]), cells.ravel()
+    return csr_matrix((values.ravel(), index), (n, len(y)))

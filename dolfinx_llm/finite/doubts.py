@@ -1,0 +1,70 @@
+"""What is to be said of a load step at finite deformation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dolfinx_llm.base import checks
+from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.finite.frame.location import INSIDE
+from dolfinx_llm.finite.frame.self_sides import SelfSides
+from dolfinx_llm.finite.frame.sides import Sides
+from dolfinx_llm.finite.frame_side import on_mover
+from dolfinx_llm.finite.pairs.normal_contact import NormalPlace
+from dolfinx_llm.finite.pairs.terms import ContactTerms, MovingContact, Place
+from dolfinx_llm.geometry.facing import TURN
+
+LEAPS = 10.0  # times as far as supports and obstacles have gone
+EDGE_IN = 0.1  # of a facet: deeper do not lie nodes of a frame behind facets that turn
+A_FACET = 1.0  # deeper lies what does not touch there
+
+
+def leapt(far: float, driven: float) -> list[str]:
+    """Of bodies that have gone much farther than what moves them [length]."""
+    if far <= LEAPS * driven:
+        return []
+    return [
+        "a body snapped, or nothing but contact holds one, and did not at first: in an increment "
+        f"of this load step bodies moved by {far:.2g}, what moves them by {driven:.2g}. There may "
+        "be other states. Take smaller steps, or hold it with weak springs"
+    ]
+
+
+def left_over(sides: Sides, left: Array, after: Place) -> list[str]:
+    """Of nodes (n,) that have left the frame over its edge."""
+    if not left.any():
+        return []
+    moving, frame = sides.mover.name, sides.carrier.name
+    place = sides.split(after.z)[0][np.flatnonzero(left)[0]] + sides.surfaces[0].origin
+    return [
+        f"{moving} on {frame}: {left.sum()} node(s) of {moving} that carried force have left "
+        f"{frame} over its edge in this load step, the first is at {checks.place(place)}: nothing "
+        "presses on them there. If the body goes on, tag more of it"
+    ]
+
+
+def deep(contact: MovingContact, t: ContactTerms) -> list[str]:
+    """Of the frame's nodes, as of a sharp edge, that lie behind facets of the other side: pairs are
+    the nodes of these alone."""
+    sides, place = contact.sides, t.place
+    if not isinstance(place, NormalPlace) or contact.overlaps or isinstance(sides, SelfSides):
+        return []
+    x, y = sides.split(place.z)
+    cells = sides.mover.cells[place.pairs[sides.mover.cells].all(axis=1)]
+    if not (contact.parts and len(cells)):
+        return []
+    at, size = on_mover(sides, place.z, cells), sides.mover.facet_size
+    faces = np.einsum("mi,mi->m", sides.outward(place.z), at.normal) < -np.cos(TURN)
+    there = at.met & (at.beyond < INSIDE) & faces & (at.gap > -A_FACET * size)
+    depth = np.where(there, -at.gap, 0.0)
+    worst = int(depth.argmax())
+    if depth[worst] <= EDGE_IN * size:
+        return []
+    frame, moving, count = sides.carrier, sides.mover, (depth > EDGE_IN * size).sum()
+    return [
+        f"{moving.name} on {frame.name}: {count} node(s) of {frame.name} are "
+        f"in the body of {moving.name}, between its nodes, by up to {depth[worst]:.3g}, there at "
+        f"{checks.place(y[worst] + frame.origin)}, where facets have the size {size:.3g}. Use "
+        f"smaller facets on {frame.name} than on {moving.name}, so that its nodes are those that "
+        "touch, or finer meshes of both"
+    ]
