@@ -12,7 +12,11 @@ from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.finite.frame_side import on_mover
 from dolfinx_llm.finite.pairs.normal_contact import NormalPlace
 from dolfinx_llm.finite.pairs.terms import ContactTerms, MovingContact, Place
+from dolfinx_llm.geometry.cells import unit_normals
+from dolfinx_llm.geometry.drawn import SHARP
 from dolfinx_llm.geometry.facing import TURN
+from dolfinx_llm.geometry.pieces import neighbours
+from dolfinx_llm.laws.rows import OPEN
 
 LEAPS = 10.0  # times as far as supports and obstacles have gone
 EDGE_IN = 0.1  # of a facet: deeper do not lie nodes of a frame behind facets that turn
@@ -67,4 +71,26 @@ def deep(contact: MovingContact, t: ContactTerms) -> list[str]:
         f"{checks.place(y[worst] + frame.origin)}, where facets have the size {size:.3g}. Use "
         f"smaller facets on {frame.name} than on {moving.name}, so that its nodes are those that "
         "touch, or finer meshes of both"
+    ]
+
+
+def rounded_off(contact: MovingContact, t: ContactTerms) -> list[str]:
+    """Of sharp edges of the frame, as drawn, on both sides of which something presses."""
+    sides, place = contact.sides, t.place
+    if not isinstance(place, NormalPlace) or not contact.parts or isinstance(sides, SelfSides):
+        return []
+    frame, on = sides.carrier, np.zeros(len(sides.carrier.facets), dtype=bool)
+    on[place.at.facet[t.status != OPEN]] = True
+    normal, (i, j) = unit_normals(frame.x, frame.facets), neighbours(frame.facets)
+    sharp = np.einsum("ni,ni->n", normal[i], normal[j]) < np.cos(SHARP)
+    both = np.flatnonzero(sharp & on[i] & on[j])
+    if not len(both):
+        return []
+    node = np.intersect1d(frame.facets[i[both[0]]], frame.facets[j[both[0]]])[0]
+    place_of = checks.place(sides.split(place.z)[1][node] + frame.origin)
+    return [
+        f"{sides.mover.name} on {frame.name}: presses on both sides of {len(both)} sharp edge(s) "
+        f"of {frame.name}, the first at {place_of}: normals turn along all of the facets beside "
+        "it, and forces there are not exact, and do work. Round the edge off, or use smaller "
+        f"facets there than on {sides.mover.name}"
     ]

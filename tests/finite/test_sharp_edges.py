@@ -21,11 +21,15 @@ def wedge(x):
     return np.column_stack([x[:, 0], x[:, 1] + (1.0 - x[:, 1] / 1.2) * np.abs(x[:, 0] - 0.03)])
 
 
-@pytest.mark.parametrize(("cells", "deep"), [((4, 16), True), longer((16, 8), False)])
+@pytest.mark.parametrize(
+    ("cells", "deep", "rounded"),
+    [((4, 16), True, False), ((4, 48), True, True), longer((16, 8), False, False)],
+)
 @pytest.mark.parametrize("swapped", [False, longer(True)])
-def test_edge_between_nodes(cells, deep, swapped, caplog):
+def test_edge_between_nodes(cells, deep, rounded, swapped, caplog):
     """A stiff ridge pressed into a soft block: where it is the coarser one it carries the frame,
-    and its edge is no pair. That is told, once; where it is finer there is nothing to tell."""
+    and its edge is no pair; where several nodes of the block lie on it, normals are rounded off.
+    That is told, once; where the ridge is finer there is nothing to tell."""
     comm = MPI.COMM_SELF
     low = rectangle(comm, (cells[1], 4), (-1.0, -1.0), (1.0, 0.0), "quadrilateral")
     high = rectangle(comm, (cells[0], 3), (-0.97, 0.0), (1.03, 1.2), "quadrilateral", move=wedge)
@@ -52,5 +56,7 @@ def test_edge_between_nodes(cells, deep, swapped, caplog):
             top = np.interp(ridge.x[:, 0], *block.x[order].T)
             depth = (top - ridge.x[:, 1]).max()
             assert (depth > 0.1 * 2.0 / cells[1]) == deep
-    assert len(caplog.messages) == int(deep)
-    assert all("between its nodes, by up to" in said for said in caplog.messages)
+    assert len(caplog.messages) == deep + rounded
+    told = {"between its nodes, by up to": deep, "presses on both sides of 1 sharp edge": rounded}
+    for words, so in told.items():
+        assert any(words in said for said in caplog.messages) == so
