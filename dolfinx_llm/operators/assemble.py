@@ -54,7 +54,7 @@ def interface_operator(
             value = 1.0 / own[row, None, None]
         else:
             ways = directions[col] if swings is None else directions[col] + swings.motions[row]
-            value = side.base[row] @ ways.transpose(0, 2, 1)
+            value = np.einsum("nci,ndi->ncd", side.base[row], ways)  # the same on all ranks
         entries = value * N.data[:, None, None], col, N.indptr
         blocks.append(bsr_matrix(entries, (N.shape[0] * c, N.shape[1] * d)).tocsr())
         blocks[-1].eliminate_zeros()
