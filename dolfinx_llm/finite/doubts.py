@@ -50,12 +50,12 @@ def left_over(sides: Sides, left: Array, after: Place) -> list[str]:
 def deep(contact: MovingContact, t: ContactTerms) -> list[str]:
     """Of the frame's nodes, as of a sharp edge, that lie behind facets of the other side: pairs are
     the nodes of these alone."""
-    sides, place = contact.sides, t.place
-    if not isinstance(place, NormalPlace) or contact.overlaps or isinstance(sides, SelfSides):
+    sides, place = contact.sides, _on_frame(contact, t)
+    if place is None or contact.overlaps:
         return []
-    x, y = sides.split(place.z)
-    cells = sides.mover.cells[place.pairs[sides.mover.cells].all(axis=1)]
-    if not (contact.parts and len(cells)):
+    y, cells = sides.split(place.z)[1], sides.mover.cells
+    cells = cells[place.pairs[cells].all(axis=1)]
+    if not len(cells):
         return []
     at, size = on_mover(sides, place.z, cells), sides.mover.facet_size
     faces = np.einsum("mi,mi->m", sides.outward(place.z), at.normal) < -np.cos(TURN)
@@ -76,8 +76,8 @@ def deep(contact: MovingContact, t: ContactTerms) -> list[str]:
 
 def rounded_off(contact: MovingContact, t: ContactTerms) -> list[str]:
     """Of sharp edges of the frame, as drawn, on both sides of which something presses."""
-    sides, place = contact.sides, t.place
-    if not isinstance(place, NormalPlace) or not contact.parts or isinstance(sides, SelfSides):
+    sides, place = contact.sides, _on_frame(contact, t)
+    if place is None:
         return []
     frame, on = sides.carrier, np.zeros(len(sides.carrier.facets), dtype=bool)
     on[place.at.facet[t.status != OPEN]] = True
@@ -94,3 +94,9 @@ def rounded_off(contact: MovingContact, t: ContactTerms) -> list[str]:
         "it, and forces there are not exact, and do work. Round the edge off, or use smaller "
         f"facets there than on {sides.mover.name}"
     ]
+
+
+def _on_frame(contact: MovingContact, t: ContactTerms) -> NormalPlace | None:
+    """How pairs stand, of contact that may part with a frame on another surface; None: of other."""
+    another = contact.parts and not isinstance(contact.sides, SelfSides)
+    return t.place if another and isinstance(t.place, NormalPlace) else None

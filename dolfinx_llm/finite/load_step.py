@@ -70,6 +70,10 @@ class Placed:
         moving, frame = self.what.sides.split(self.numbers)
         return moving[:, 0], frame[:, 0]
 
+    def against(self, obstacle: Any) -> bool:
+        """Whether it is contact with this rigid obstacle."""
+        return getattr(self.what, "obstacle", None) is obstacle
+
     def begun(self) -> Placed:
         """The same at the start of a load step, with what its law reads then; collective."""
         if self.reads is None:
@@ -162,7 +166,7 @@ def touching_of(load: Placed, interfaces: Sequence[Placed], status: Sequence[Any
     yet."""
     closed, obstacle = [np.zeros(0)], load.what.obstacle
     for placed, now in zip(interfaces, status, strict=True):
-        if obstacle is None or getattr(placed.what, "obstacle", None) is obstacle:
+        if obstacle is None or placed.against(obstacle):
             moving = placed.meets[0] if obstacle is None else placed.moving
             closed.append(moving if now is None else moving[(now != OPEN)[: len(moving)]])
     n, gdim = load.what.surfaces[0].x.shape

@@ -208,6 +208,14 @@ class Follower:
         beyond = self.sides.meet(z, found).at.beyond > INSIDE
         return found & (closed | beyond)[cells].all(axis=1) & closed[cells].any(axis=1)
 
+    def _covered(self, z: Array, every: Covered, held: Covering) -> list[Covered]:
+        """Parts of all of the facets that are covered."""
+        if self.sides is None:
+            return [every.of(held.facets)]
+        # Of a surface that meets itself one part covers the other.
+        own = (True, False) if isinstance(self.sides, SelfSides) else (self.sides.moving == 0,)
+        return [self.sides.covered(z, held.facets, moving) for moving in own]
+
     def terms(
         self, z: Array, p: float, held: Covering | None, lagged: bool = False
     ) -> tuple[Array, csr_matrix]:
@@ -222,16 +230,11 @@ class Follower:
         loaded = self.surfaces[0]
         x = z[: loaded.x.size].reshape(loaded.x.shape)
         every = everything(x, loaded, 0, len(z))
-        free = every if self.whole else every.without(every)
-        if self.sides is None and held is not None:
-            free = free.without(every.of(held.facets))
-        elif self.sides is not None and held is not None:
-            one = isinstance(self.sides, SelfSides)  # of which one part covers the other
-            for moving in (True, False) if one else (self.sides.moving == 0,):
-                covered = self.sides.covered(z, held.facets, moving)
-                if lagged:
-                    covered = Covered(covered.share, csr_matrix(covered.derivative.shape))
-                free = free.without(covered)
+        free = every if self.whole else every.times(0.0)
+        for part in [] if held is None else self._covered(z, every, held):
+            if lagged:
+                part = Covered(part.share, csr_matrix(part.derivative.shape))
+            free = free.without(part)
         vectors, derivative = surface_integrals(x, loaded, free, 0, bent=True)
         C = control_matrices(loaded)[1]
         vectors, derivative = C.T @ vectors, per_component(C, x.shape[1]).T @ derivative

@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.geometry.cells import connected, unit, vector_areas
+from dolfinx_llm.geometry.cells import connected, unit, unit_normals, vector_areas
 from dolfinx_llm.geometry.facing import TURN, Facing, Separation, facing_facets
 from dolfinx_llm.geometry.overlap_curved import is_flat
 from dolfinx_llm.geometry.overlap_flat import Plane, common_area, common_plane, plane_with
@@ -154,8 +154,8 @@ class _Found:
             i, j = neighbours(side.facets[f.facets], by_nodes=sharp)
             i, j = i + start[k], j + start[k]
             if not sharp:
-                cosine = np.einsum("ni,ni->n", self.normal[i], self.normal[j])
-                i, j = i[cosine > np.cos(TURN)], j[cosine > np.cos(TURN)]
+                kept = _smooth(self.normal, i, j)
+                i, j = i[kept], j[kept]
             place = np.full(len(self.sides[1 - k].facets), -1)
             place[self.facing[1 - k].facets] = start[1 - k] + np.arange(self.count[1 - k])
             across = place[f.partner]
@@ -246,8 +246,8 @@ def faces(sides: Sequence[tuple[Array, Array]], pairs: Sequence[Array]) -> Array
     """
     joined, sharp, first = [], False, [0, len(sides[0][1])]
     for (x, facets), start in zip(sides, first, strict=True):
-        normal, (i, j) = unit(vector_areas(x, facets)), neighbours(facets)
-        smooth = np.einsum("ni,ni->n", normal[i], normal[j]) > np.cos(TURN)
+        i, j = neighbours(facets)
+        smooth = _smooth(unit_normals(x, facets), i, j)
         sharp |= not smooth.all()
         joined.append((start + i[smooth], start + j[smooth]))
     if not sharp:
@@ -257,6 +257,12 @@ def faces(sides: Sequence[tuple[Array, Array]], pairs: Sequence[Array]) -> Array
     graph = coo_matrix((np.ones(len(row)), (row, col)), (first[1] + len(sides[1][1]),) * 2)
     label = connected_components(graph, False)[1]
     return np.unique(label[pairs[0]], return_inverse=True)[1]
+
+
+def _smooth(normals: Array, i: Array, j: Array) -> Array:
+    """(n,) whether facets i and j (n,) of these normals meet without a sharp edge."""
+    found: Array = np.einsum("ni,ni->n", normals[i], normals[j]) > np.cos(TURN)
+    return found
 
 
 def neighbours(facets: Array, by_nodes: bool = False) -> tuple[Array, Array]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.operators.prescribed import REPEATED
+from dolfinx_llm.operators.prescribed import REPEATED, place_among
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,10 +24,9 @@ class Guides:
     @classmethod
     def of(cls, nodes: Array, base: Array, rows: Array) -> Guides:
         """Of some rows (r,); ``nodes`` (n,) and free parts of base vectors (n, gdim) of all."""
-        known, node, count = np.unique(nodes[rows], return_inverse=True, return_counts=True)
-        order, place = np.argsort(node, kind="stable"), np.empty(len(rows), dtype=np.int64)
-        place[order] = np.arange(len(rows)) - np.repeat(np.cumsum(count) - count, count)
-        vectors = np.zeros((len(known), count.max(initial=1), base.shape[1]))
+        known, node = np.unique(nodes[rows], return_inverse=True)
+        place = place_among(node)
+        vectors = np.zeros((len(known), place.max(initial=0) + 1, base.shape[1]))
         vectors[node, place] = base[rows]
         inverse = np.linalg.pinv(vectors, rcond=REPEATED)
         return cls(rows, known, node, place, inverse, np.eye(base.shape[1]) - inverse @ vectors)

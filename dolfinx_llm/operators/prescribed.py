@@ -35,6 +35,13 @@ def free_parts(free: Array, c: int) -> Array:
     return size.ravel()
 
 
+def place_among(group: Array) -> Array:
+    """(n,) which of its group each item is, by their order; ``group`` (n,) counts from 0."""
+    order, place = np.argsort(group, kind="stable"), np.empty(len(group), dtype=np.int64)
+    place[order] = np.arange(len(group)) - np.searchsorted(group[order], group[order])
+    return place
+
+
 def acting_on(dofs: Array, vectors: Array) -> csr_matrix:
     """(k, number of dofs that they act on) vectors (k, gdim) at dofs (k, gdim) of nodes."""
     kept = vectors != 0.0

@@ -135,7 +135,9 @@ def nonlinear_arguments(
             compat.entity_maps_of(entity_maps, len(forms)),
         )
     agree_on(comm, given, forms, (solver, *options))
-    agree(comm, "the loads", [[tag for _, tag in load.tagged()] for load in given.loads])
+    covers = [[type(cover).__name__ for cover in load.covers] for load in given.loads]
+    tags = [[tag for _, tag in load.tagged()] for load in given.loads]
+    agree(comm, "the loads", (tags, covers))
     return given
 
 

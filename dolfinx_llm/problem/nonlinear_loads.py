@@ -11,7 +11,7 @@ from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.finite.load_step import Placed
 from dolfinx_llm.finite.pressure import Follower, FreeSurfacePressure, sides_between
-from dolfinx_llm.geometry.surface import extract_surface
+from dolfinx_llm.geometry.surface import Surface, extract_surface
 from dolfinx_llm.interface.obstacle import Obstacle
 from dolfinx_llm.interface.site import space_of
 from dolfinx_llm.operators.numbering import BodyDofs
@@ -32,39 +32,40 @@ def followers_of(
         ContactInputError: none is between a surface and what may cover it; surfaces have a part of
             their facets in common.
     """
-    return [
-        _piece(load, cover, k == 0, dofs, contacts)
-        for load in loads
-        for k, cover in enumerate(load.pieces)
-    ]
+    found = []
+    for load in loads:
+        space = space_of(load.facet_tags, dofs.spaces)
+        surface = extract_surface(dofs.spaces[space], load.facet_tags, load.tag)
+        with collective(dofs.comm):
+            surface = surface.with_depth(load.thickness, "FreeSurfacePressure")
+        for k, cover in enumerate(load.pieces):
+            found.append(_piece((space, surface), cover, k == 0, dofs, contacts))
+    return found
 
 
 def _piece(
-    load: FreeSurfacePressure, cover: Any, whole: bool, dofs: BodyDofs, contacts: Sequence[Placed]
+    loaded: tuple[int, Surface], cover: Any, whole: bool, dofs: BodyDofs, contacts: Sequence[Placed]
 ) -> Placed:
-    """One of them; arguments as of ``Follower``."""
-    obstacle = cover if isinstance(cover, Obstacle) else None
-    tagged = [(load.facet_tags, load.tag)]
-    tagged += [] if cover is None or obstacle is not None else [tuple(cover)]
-    spaces = [space_of(tags, dofs.spaces) for tags, _ in tagged]
-    surfaces = [
-        extract_surface(dofs.spaces[i], tags, tag) for i, (tags, tag) in zip(spaces, tagged)
-    ]
-    with collective(dofs.comm):
-        surfaces[0] = surfaces[0].with_depth(load.thickness, "FreeSurfacePressure")
-    drawn, sides, between = near(surfaces), None, cover is None
-    nodes = [dofs.of(space, s)[:, 0] for space, s in zip(spaces, surfaces)]
-    if obstacle is not None:
-        on = [c for c in contacts if getattr(c.what, "obstacle", None) is obstacle]
-        between = any(np.isin(nodes[0], contact.moving).any() for contact in on)
-    elif cover is not None:
-        sides = sides_between(drawn, nodes, [contact.meets for contact in contacts])
+    """One of them, on a surface of a space; other arguments as of ``Follower``."""
+    spaces, surfaces, sides = [loaded[0]], [loaded[1]], None
+    if cover is None or isinstance(cover, Obstacle):
+        nodes = dofs.of(*loaded)[:, 0]
+        between = cover is None or any(
+            np.isin(nodes, contact.moving).any() for contact in contacts if contact.against(cover)
+        )
+        drawn, other = near(surfaces), type(cover).__name__
+    else:
+        spaces.append(space_of(cover[0], dofs.spaces))
+        surfaces.append(extract_surface(dofs.spaces[spaces[1]], *cover))
+        both = [dofs.of(space, s)[:, 0] for space, s in zip(spaces, surfaces)]
+        drawn, other = near(surfaces), surfaces[1].name
+        sides = sides_between(drawn, both, [contact.meets for contact in contacts])
         between = sides is not None
     if not between:
-        other = type(obstacle).__name__ if obstacle is not None else surfaces[1].name
         raise ContactInputError(
             f"FreeSurfacePressure: no interface has both {surfaces[0].name} and {other}, and "
             "contact tells what is covered: leave covered_by out, or give the interface between "
             "them"
         )
+    obstacle = cover if isinstance(cover, Obstacle) else None
     return placed_at(Follower(drawn, sides, obstacle, whole), drawn, spaces, dofs)

@@ -21,7 +21,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import chosen, told
 from dolfinx_llm.base.sparse import diagonal, placed
 from dolfinx_llm.operators.numbering import Numbering
-from dolfinx_llm.operators.prescribed import RANK, REPEATED, pieces, without_rounding
+from dolfinx_llm.operators.prescribed import RANK, REPEATED, pieces, place_among, without_rounding
 
 SMALL = 200  # rows or columns up to which dense algebra is as fast
 TURNS = 4  # steps of inverse iteration
@@ -81,9 +81,7 @@ def eliminate_at_nodes(dofs: Array, vectors: Array, fixed: Array) -> NodeElimina
     R, gdim = dofs.shape
     n = len(fixed)
     _, group = np.unique(dofs[:, 0], return_inverse=True)
-    order = np.argsort(group, kind="stable")
-    place = np.empty(R, dtype=np.int64)  # of a row among its node's: interfaces may share nodes
-    place[order] = np.arange(R) - np.searchsorted(group[order], group[order])
+    place = place_among(group)  # of a row among its node's: interfaces may share nodes
     shape = group.max(initial=-1) + 1, place.max(initial=0) + 1
     nodes = np.zeros((shape[0], gdim), dtype=np.int64)
     nodes[group] = dofs
