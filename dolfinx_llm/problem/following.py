@@ -23,6 +23,7 @@ from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.operators.system import ContactOperators
 from dolfinx_llm.problem.bulk import LinearBulk
 from dolfinx_llm.problem.methods import ContactMethod, Setting
+from dolfinx_llm.problem.standing import Standing
 
 
 class Following:
@@ -86,16 +87,21 @@ class Following:
         if not changes:
             return
         log.info("changed since the last solve: %s", ", ".join(sorted(changes)))
+        keep = not changes & {"positions", "obstacles"}
+        known = Standing.of(self) if keep else None
         self.method.destroy()
         before = self.operators
         if changes == {"stiffness"}:
             self.operators.renew(self.K, self.times)
         else:
             self._build_operators()
-        self.method.renew(self._setting(), keep=not changes & {"positions", "obstacles"})
+        alike = known is None or known.at_pairs_of(self.geometries)
+        self.method.renew(self._setting(), keep=keep and alike)
         if self.operators is not before:  # which serve until then, also where this fails
             before.destroy()
         self._settle()
+        if known is not None and not alike:
+            known.go_on(self, known.u)
 
     def _settle(self) -> None:
         """All that follows from forms, meshes, conditions and obstacles is as these are now."""

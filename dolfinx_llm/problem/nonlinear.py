@@ -27,7 +27,7 @@ from dolfinx_llm.problem.bulk import Fingerprint
 from dolfinx_llm.problem.memory import INSTANT, Memory, Remembering
 from dolfinx_llm.problem.nonlinear_bulk import NonlinearBulk, nonlinear_arguments
 from dolfinx_llm.problem.nonlinear_parts import anatomy, pose_of, results_of
-from dolfinx_llm.problem.nonlinear_system import hold, posed
+from dolfinx_llm.problem.nonlinear_system import counted, hold, posed
 from dolfinx_llm.problem.saving import SavedNonlinear
 
 
@@ -114,7 +114,7 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         given = self.interfaces, self.loads, self._solver, self._petsc, self.times
         equations, self.method, self._why = posed(self.bulk, self.bulk.now(), *given)
         self._newton, self._moved = NewtonSteps(equations), False
-        self.unknowns = {"u": self.bulk.dofs.sizes[1], "interfaces": sum(equations.system.sizes)}
+        self.unknowns = counted(equations)
         self.reset()
 
     def update(self) -> None:
@@ -133,7 +133,9 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
             self.bulk.measure()
             self._build()
         elif self._newton.equations.system.dofs is not self.bulk.dofs:
-            hold(self._newton.equations, self._solver, self._petsc)
+            equations, given = self._newton.equations, (self.interfaces, self.loads)
+            self._state = hold(equations, self._state, *given, self._solver, self._petsc)
+            self.unknowns = counted(equations)
 
     @property
     def u(self) -> Any:

@@ -94,10 +94,24 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
         raise ContactInputError(
             'design="positions": the frame moves with the bodies, choose "auto", "weights" or None'
         )
-    site = find_site(interface, dofs.spaces, dofs.fixed_by_space())
-    frame = chosen(dofs.comm, partial(prescribed_side, site, site.whole))
+    site, frame = _led(interface, dofs)
     site = replace(site, whole=near(site.whole))
     return _on_frame(interface, Sides.of(site.whole, frame), site, dofs)
+
+
+def led_otherwise(interface: Interface, placed: Placed, dofs: BodyDofs) -> bool:
+    """Whether supports lead a side as a whole that they did not lead where contact was placed, or
+    none any more: another surface is to carry the frame; collective."""
+    if interface.obstacle is not None or isinstance(interface, SelfContact):
+        return False
+    sides = placed.what.sides
+    return _led(interface, dofs)[1] != (sides.frame if sides.prescribed else None)
+
+
+def _led(interface: Interface, dofs: BodyDofs) -> tuple[Site, int | None]:
+    """Two surfaces, and which of them supports move as a whole; collective."""
+    site = find_site(interface, dofs.spaces, dofs.fixed_by_space())
+    return site, chosen(dofs.comm, partial(prescribed_side, site, site.whole))
 
 
 def _is_asked(law: Law) -> bool:

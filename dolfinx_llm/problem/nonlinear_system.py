@@ -13,12 +13,12 @@ from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.linear.system import NewtonSystem
-from dolfinx_llm.finite.load_step import Bodies, Equations, Placed
+from dolfinx_llm.finite.load_step import Bodies, Equations, NewtonState, Placed
 from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering
 from dolfinx_llm.problem.nonlinear_loads import followers_of
-from dolfinx_llm.problem.nonlinear_parts import check_contacts, contact_of
+from dolfinx_llm.problem.nonlinear_parts import check_contacts, contact_of, led_otherwise
 
 Options = tuple[str, dict[str, Any] | None]  # prefix, and PETSc options
 
@@ -66,14 +66,53 @@ def _shared(contacts: Sequence[Placed]) -> list[Placed]:
     return [replace(c, shared=np.isin(c.moving, np.concatenate(other))) for c, other in of]
 
 
-def hold(equations: Equations, solver: str, options: Options) -> None:
-    """Solve for what conditions leave free now; arguments as of ``posed``; collective."""
+def hold(
+    equations: Equations,
+    state: NewtonState,
+    interfaces: Sequence[Interface],
+    loads: Sequence[FreeSurfacePressure],
+    solver: str,
+    options: Options,
+) -> NewtonState:
+    """Solve for what conditions leave free now; other arguments as of ``posed``; collective.
+
+    Interfaces of which another surface is to carry the frame now are made anew. What they bore the
+    next step finds again, from positions as they are in the state, which pairs that stick keep.
+
+    Returns:
+        The state, of interfaces as they are now.
+    """
     log.info("other dofs are prescribed than at the last solve")
     equations.system.destroy()
-    dofs, contacts = equations.bodies.dofs, equations.interfaces
-    equations.interfaces = contacts = [placed.under(dofs) for placed in contacts]
-    equations.followers = [placed.under(dofs) for placed in equations.followers]
+    dofs, before = equations.bodies.dofs, equations.interfaces
+    contacts = [
+        contact_of(interface, dofs)
+        if led_otherwise(interface, placed, dofs)
+        else placed.under(dofs)
+        for interface, placed in zip(interfaces, before, strict=True)
+    ]
+    kept = [now.what is then.what for now, then in zip(contacts, before, strict=True)]
+    if all(kept):
+        followers = [placed.under(dofs) for placed in equations.followers]
+    else:
+        contacts = _shared(contacts)
+        followers = followers_of(loads, dofs, contacts)
+        own = zip(kept, state.own, contacts, strict=True)
+        state = replace(
+            state,
+            own=tuple(q if stays else np.zeros(c.what.size) for stays, q, c in own),
+            status=tuple(s if stays else None for stays, s in zip(kept, state.status)),
+            kept=tuple(k if stays else None for stays, k in zip(kept, state.kept)),
+        )
     equations.system, *_ = _numbered(contacts, dofs, solver, options)
+    equations.interfaces, equations.followers = contacts, followers
+    return state
+
+
+def counted(equations: Equations) -> dict[str, int]:
+    """Global number of unknowns of the bodies and of the interfaces."""
+    system = equations.system
+    return {"u": system.dofs.sizes[1], "interfaces": sum(system.sizes)}
 
 
 def _numbered(

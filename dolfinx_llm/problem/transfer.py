@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -13,16 +11,12 @@ from dolfinx import fem, geometry
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.contact.equations.state import ContactState
 from dolfinx_llm.geometry.spaces import order_of
 from dolfinx_llm.interface.against import loaded
-from dolfinx_llm.interface.geometry import InterfaceGeometry
-from dolfinx_llm.interface.update import remeshed
 from dolfinx_llm.operators.bodies import body_labels
-from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
 from dolfinx_llm.problem.problem import ContactProblem
-from dolfinx_llm.problem.state_file import Arrays
+from dolfinx_llm.problem.standing import Standing
 
 OUTLYING = 0.1  # of the largest cell of the old mesh: by how much new nodes may lie outside of it
 
@@ -44,14 +38,8 @@ def carry_over(old: Any, new: Any) -> None:
         _stand(old, new)
         return
     new.update()
-    new.method.prepare()
-    common, operators = _contact(old, new), new.operators
-    motions = operators.obstacle_motions()
-    common |= {f"motion {i}": motion for i, motion in enumerate(motions)}
-    numbering = operators.rows.numbering
-    push = times(operators.B, common["multiplier"][numbering.mine])
-    common["g"] = operators.gather(numbering, operators.gap(u, motions))
-    new.take_arrays(common, {"u": u, "f": times(new.K, u) + push})
+    if (known := Standing.of(old)) is not None:  # as required
+        known.go_on(new, u)
 
 
 def _stand(old: NonlinearContactProblem, new: NonlinearContactProblem) -> None:
@@ -66,54 +54,6 @@ def _stand(old: NonlinearContactProblem, new: NonlinearContactProblem) -> None:
         if found := sum(loaded(interface.obstacle, new.bulk.dofs.gdim)):  # where forces bring it
             now[own] = np.append(now[own][:-found], before[own][-found:])
     new.take_arrays(now, local)
-
-
-def _contact(old: ContactProblem, new: ContactProblem) -> Arrays:
-    """What interfaces go on from, the same on every rank, but for gaps."""
-    kept, _ = old.method.kept()
-    iteration = new.method.iteration
-    found = {"sizes": kept["sizes"], "history": np.array(json.dumps(old.method.history))}
-    found["loads"] = iteration.equations.frame_loads()
-    found["multiplier"] = np.zeros(sum(s.nodes.rows.size for s in new.method.states))
-    found["w"] = np.zeros(iteration.equations.m)
-    found["reported"] = found["multiplier"].copy()
-    every = zip(old.geometries, new.geometries, strict=True)
-    for i, (before, now) in enumerate(every):
-        change, at = remeshed(before, now)
-        state, fresh = (p.method.states[i] for p in (old, new))
-        own = state.own.carried(change, fresh.own)
-        told = {f.name: getattr(own, f.name) for f in fields(ContactState)}
-        law = told.pop("history")
-        found |= {f"interface {i} {name}": value for name, value in told.items()}
-        found |= {f"interface {i} law {name}": value for name, value in law.items()}
-        for name in ("multiplier", "reported"):
-            forces = kept[name][state.nodes.rows]
-            found[name][fresh.nodes.rows] = _forces(before, now, at, forces)
-        place, there = new.operators.places[i], old.operators.places[i]
-        v = kept["w"][there.frame].reshape(before.directions.shape[:2])
-        jumps = kept["w"][state.nodes.kappa]
-        if change.frame is not None:
-            moved = change.moved(np.einsum("md,mdg->mg", v, before.directions), jumps)
-            v = np.einsum("mg,mdg->md", moved, now.directions)
-        found["w"][place.frame] = v.ravel()
-        found["w"][fresh.nodes.kappa] = change.turned(jumps) if jumps.size else jumps
-    return found
-
-
-def _forces(
-    before: InterfaceGeometry, now: InterfaceGeometry, at: list[Any], forces: Array
-) -> Array:
-    """(n_new, c) multipliers of pairs, with the force per area of the old ones (n_old, c)."""
-    found, first = [], 0
-    for old, new, N in zip(before.pairs, now.pairs, at, strict=True):
-        own = forces[first : first + len(old.nodes)]
-        first += len(old.nodes)
-        bears = old.forces > 0.0
-        area = np.where(bears, old.forces, 1.0)[:, None]
-        density = np.einsum("nc,ncg->ng", own, old.base) / area * bears[:, None]
-        vectors = (N @ density) * new.forces[:, None]
-        found.append(np.einsum("ng,ncg->nc", vectors, new.base))
-    return np.concatenate(found)
 
 
 def _check(old: Any, new: Any) -> None:
@@ -142,7 +82,7 @@ def _check(old: Any, new: Any) -> None:
         )
     if old.comm.size != new.comm.size:
         raise ContactInputError("transfer: old and new problem live on other numbers of ranks")
-    if not old.results and isinstance(old, ContactProblem):
+    if isinstance(old, ContactProblem) and Standing.of(old) is None:
         raise ContactError("transfer: nothing has been solved yet: call old.solve() first")
 
 

@@ -1,4 +1,4 @@
-"""The start of steps in time, and dofs that supports let go: forces without inertia."""
+"""The start of steps in time, also where other dofs are prescribed: forces without inertia."""
 
 from __future__ import annotations
 
@@ -36,6 +36,7 @@ class Starting(Saving):
     _loads: list[Any]  # both, the problem's
     _left: Array
     _started: bool  # whether it is known
+    _fixed: Array  # which dofs were prescribed when it was found
     _led: Array  # what obstacles, ties and pressures were given where contact was last found
     _touch: Any  # what bodies meet with now
 
@@ -50,22 +51,27 @@ class Starting(Saving):
         Raises:
             ContactError: contact does not balance what presses it.
         """
+        self._begin(anew=True)
+
+    def _begin(self, anew: bool) -> None:
+        """Find the forces at the start of a step; ``anew``: nothing is known of contact."""
         u, c, counts = self._values(self._u), self._rate(self.dt), self.problem.bulk.dofs.counts
-        came = u - self.dt * self._values(self._v) if self._slides() else u
+        came = u - self.dt * self._values(self._v) if anew and self._slides() else u
         self._use(c)
         if self._mean:
             self._mean.begin(u, counts, 0.0)
         held = INERT[bool(self._mean)] * self._stiffness(u)
         self._use(held, starts=True)
         try:
-            if self._mean:
+            if self._mean and anew:
                 self.problem.bulk.put(came)
                 self.problem.reset(moved=True)
             elif came is not u:
                 with slippery([i.law for i in self.problem.interfaces]):
                     self._hold(held, came)
-            self._hold(held, u)
-            rests = self._values(listed(self.problem.u))
+            rests = self._hold(held, u)
+            if self._mean:  # and by how much inertia has given way
+                rests = self._hold(held, u, u - rests)
             if not self._mean:  # inertia held the bodies: no step is judged by its forces
                 self.problem.method.iteration.ended = 0.0
         finally:
@@ -76,7 +82,7 @@ class Starting(Saving):
         self._left = np.where(self._bare | fixed, 0.0, self._unmoving(u, c))
         fill(self._u, u, counts)
         self._touch, _ = self._met()
-        self._started = True
+        self._started, self._fixed = True, fixed
 
     def _unmoving(self, u: Array, c: float) -> Array:
         """(n_local,) forces of the bodies less loads and contact, as these were last found at u
@@ -86,18 +92,13 @@ class Starting(Saving):
         left = bulk.residual(u) - pushed if self._mean else bulk.unbalanced(u, pushed)
         return np.asarray(left - c * times(self._M, u))
 
-    def _let_go(self, c: float) -> None:
-        """Where supports have gone since the last step nothing holds dofs at the start of this one,
-        of a rate c; collective."""
-        before, bulk, u = self.problem.bulk.dofs.fixed, self.problem.bulk, self._values(self._u)
-        bulk.look()
-        freed = before & ~bulk.dofs.fixed & ~self._bare
-        if not self.comm.allreduce(bool(freed.any())):
-            return
-        self._use(c)
-        if self._mean:
-            self._mean.begin(u, bulk.dofs.counts, 0.0)
-        self._left = np.where(freed, self._unmoving(u, c), self._left)
+    def _follow(self) -> None:
+        """Where supports have come or gone since the last step, forces at the start of this one are
+        others than at the end of that; collective."""
+        self.problem.bulk.look()
+        changed = bool((self.problem.bulk.dofs.fixed != self._fixed).any())
+        if self.comm.allreduce(changed):
+            self._begin(anew=False)
 
     def _slides(self) -> bool:
         """Whether bodies move, and slip on what they touch."""
@@ -116,10 +117,18 @@ class Starting(Saving):
         stiffness, mass = self.comm.allreduce(sums)
         return float(stiffness / mass) if mass > 0.0 else 1.0
 
-    def _hold(self, c: float, u: Array) -> None:
+    def _hold(self, c: float, u: Array, beyond: Array | float = 0.0) -> Array:
         """Find contact of bodies that inertia of a rate c holds at u (n_local,), and what leads
-        them: it may have moved on already, and ties would pull at what does not follow."""
-        self._push(c * times(self._M, u))
+        them: it may have moved on already, and ties would pull at what does not follow.
+
+        Args:
+            c, u: rate and place.
+            beyond: (n_local,) by which inertia pulls farther, against what moves the bodies.
+
+        Returns:
+            (n_local,) where they are.
+        """
+        self._push(c * times(self._M, u + beyond))
         bulk, led = self.problem.bulk, [i for i in self.problem.interfaces if not i.law.opens]
         at_rest = not self.comm.allreduce(bool(u.any()))
         bulk.held = u
@@ -129,6 +138,7 @@ class Starting(Saving):
                 self._led = numbers(self.problem)
         finally:
             bulk.held = None
+        return self._values(listed(self.problem.u))
 
     def _solve(self, part: float) -> None:
         """Find contact at the end of a step, all of it or nothing, where supports and all else that

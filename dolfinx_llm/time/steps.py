@@ -101,7 +101,7 @@ class Steps(Starting):
         """Go on by dt, in parts where that fails, or where bodies meet or part in it; ``later``:
         what of the user's step comes after it."""
         self._known_mass.require()
-        self._let_go(self._rate(dt))
+        self._follow()
         kept = self.state_arrays() if self._adaptive and divisions else None
         try:
             self._once(dt, dt / (dt + later))
@@ -187,3 +187,4 @@ class Steps(Starting):
         fill(self._u, local["displacement"], counts)
         fill(self._v, local["velocity"], counts)
         self._left, self._started = local["inertia"], True
+        self._fixed = self.problem.bulk.dofs.fixed

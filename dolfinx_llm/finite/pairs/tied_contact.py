@@ -8,7 +8,6 @@ and areas, by which forces are reported, are those of now, of the parts that wer
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -41,9 +40,9 @@ class TiedContact(Bound):
     drawn: Meeting  # where nodes lie and what is covered, for good
     delta: float
     z: Array  # (width,) coordinates as drawn [length]
-    found: list[tuple[Any, Any]] = field(
+    found: list[tuple[Array, tuple[csr_matrix, csr_matrix]]] = field(
         default_factory=list, repr=False
-    )  # what ``_determined`` has found
+    )  # what ``_determined`` has found last, and for what
 
     @classmethod
     def of(cls, sides: Sides, z: Array, design: Design, close_gap: bool) -> TiedContact:
@@ -151,8 +150,9 @@ class TiedContact(Bound):
         Args:
             free: (width,) coordinates that are not prescribed.
         """
-        if self.found:
-            return self.found[0]
+        for known, found in self.found:
+            if known is free:
+                return found
         gdim = self.sides.gdim
         own, frame = self.sides.split(free)
         f = self.sides.forces(self.drawn, self.z, True)[0]
@@ -165,8 +165,8 @@ class TiedContact(Bound):
                 continue
             rows, at = self.N[on][:, np.flatnonzero(frame[:, c])].toarray(), on * gdim + c
             P[np.ix_(at, at)], D[np.ix_(at, at)] = determined(rows, f[on])
-        self.found.append((P.tocsr(), D.tocsr()))
-        return self.found[0]
+        self.found[:] = [(free, (P.tocsr(), D.tocsr()))]
+        return self.found[0][1]
 
 
 def determined(rows: Array, f: Array) -> tuple[Array, Array]:
