@@ -70,6 +70,12 @@ class Placed:
         moving, frame = self.what.sides.split(self.numbers)
         return moving[:, 0], frame[:, 0]
 
+    @property
+    def led(self) -> int | None:
+        """The side that supports lead as a whole, which then carries the frame; None: neither."""
+        sides = self.what.sides
+        return sides.frame if getattr(sides, "prescribed", False) else None
+
     def against(self, obstacle: Any) -> bool:
         """Whether it is contact with this rigid obstacle."""
         return getattr(self.what, "obstacle", None) is obstacle

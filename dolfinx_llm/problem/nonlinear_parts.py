@@ -104,8 +104,7 @@ def led_otherwise(interface: Interface, placed: Placed, dofs: BodyDofs) -> bool:
     none any more: another surface is to carry the frame; collective."""
     if interface.obstacle is not None or isinstance(interface, SelfContact):
         return False
-    sides = placed.what.sides
-    return _led(interface, dofs)[1] != (sides.frame if sides.prescribed else None)
+    return _led(interface, dofs)[1] != placed.led
 
 
 def _led(interface: Interface, dofs: BodyDofs) -> tuple[Site, int | None]:

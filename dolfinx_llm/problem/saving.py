@@ -83,6 +83,7 @@ class Saving(Disposable):
         tables = {key: found.pop(key) for key in list(found) if key.startswith("body ")}
         names = sorted({key.split(" ", 2)[2] for key in tables})
         common, names = self.comm.bcast((found, names))
+        self.update()
         with collective(self.comm):
             self._check_scene(common, file)
         blocks, local = self.saved_bulk.blocks, {}
@@ -128,8 +129,20 @@ class Saving(Disposable):
             raise other_scene(file, "interfaces at other places")
 
     def _kind(self) -> str:
-        """Kinds of problem and laws, whose values may change."""
-        return ", ".join(type(one).__name__ for one in (self, *(i.law for i in self.interfaces)))
+        """Kinds of problem and laws, whose values may change, and which surfaces supports lead."""
+        kinds = [type(one).__name__ for one in (self, *(i.law for i in self.interfaces))]
+        for i, side in enumerate(self.led()):
+            if side is not None:
+                kinds[i + 1] += f" with side {side} led by supports"
+        return ", ".join(kinds)
+
+    def led(self) -> list[int | None]:
+        """Per interface the side that supports lead as a whole, if there is one."""
+        raise NotImplementedError
+
+    def update(self) -> None:
+        """See ``ContactProblem``."""
+        raise NotImplementedError
 
     def places(self) -> Array:
         """What tells this scene from others."""
@@ -145,6 +158,9 @@ class SavedContact(Saving):
     def places(self) -> Array:
         """Places of the interfaces, which tell this scene from others."""
         return np.concatenate([p.x for p in self.operators.pairs])
+
+    def led(self) -> list[int | None]:
+        return [geometry.site.prescribed for geometry in self.operators.geometries]
 
     def state_arrays(self) -> tuple[Arrays, Arrays]:
         common, local = self.method.kept()
@@ -175,10 +191,6 @@ class SavedContact(Saving):
         )
         self._u = self.bulk.functions(local["u"])
 
-    def update(self) -> None:
-        """See ``ContactProblem``."""
-        raise NotImplementedError
-
 
 class SavedNonlinear(Saving):
     """Saving of ``NonlinearContactProblem``."""
@@ -192,6 +204,9 @@ class SavedNonlinear(Saving):
         every = [placed.what.sides.surfaces for placed in self._newton.equations.interfaces]
         drawn = [(s.x + s.origin).ravel() for surfaces in every for s in surfaces]
         return np.concatenate([np.zeros(0), *drawn])
+
+    def led(self) -> list[int | None]:
+        return [placed.led for placed in self._newton.equations.interfaces]
 
     @property
     def keeps(self) -> bool:
@@ -231,7 +246,3 @@ class SavedNonlinear(Saving):
             own = {key[len(start) :]: a for key, a in common.items() if key.startswith(start)}
             self.results += [result_of(own)] if own else []
         self.bulk.put(local["u"])
-
-    def update(self) -> None:
-        """See ``NonlinearContactProblem``."""
-        raise NotImplementedError

@@ -154,6 +154,14 @@ class Steps(Starting):
         """Places of the interfaces, which tell this scene from others."""
         return self.problem.places()
 
+    def led(self) -> list[int | None]:
+        """Of the problem."""
+        return list(self.problem.led())
+
+    def update(self) -> None:
+        """Of the problem."""
+        self.problem.update()
+
     def state_arrays(self) -> tuple[Arrays, Arrays]:
         """What is the same on every rank, and this rank's values at the bodies' dofs."""
         common, local = self.problem.state_arrays()

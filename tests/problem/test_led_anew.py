@@ -8,6 +8,8 @@ from conftest import run_mpi_json
 from mpi4py import MPI
 from sampling import longer
 
+import dolfinx_llm as llm
+
 
 def check(found):
     for name, off in found.items():
@@ -24,3 +26,17 @@ def test_on_two_ranks(part):
     found = run_mpi_json("led_anew.py", 2, part)
     assert len(found) == len(led_anew.cases(2, slice(part, None, 3)))
     check(found)
+
+
+@pytest.mark.parametrize("kind", ["linear", "finite"])
+def test_a_state_of_other_supports(kind, tmp_path):
+    """It belongs to the frame on which it was found: numpy's error, or forces of other nodes."""
+    one, other = (led_anew.Scene(MPI.COMM_SELF, kind, "friction", 1, False) for _ in range(2))
+    one.solve(True)
+    one.problem.save(tmp_path / "led.npz")
+    other.solve(False)
+    with pytest.raises(llm.ContactInputError, match="Coulomb with side 1 led by supports, and"):
+        other.problem.load(tmp_path / "led.npz")
+    other.bcs.append(other.leads)
+    other.problem.load(tmp_path / "led.npz")
+    assert led_anew.difference(MPI.COMM_SELF, other.solve(True), one.solve(True)) < 1e-9
