@@ -18,6 +18,7 @@ from dolfinx_llm.forms.options import NoOption
 NO_MOTION = 1e-12  # of a cell: motion in an iteration that is none
 WAITS_STILL = 2  # iterations without any, after which there will be none
 LEFT_OVER = 1e-6  # relative residual that is not rounding
+AS_FAR = 10.0  # times as far as bodies are large and driven, by which none comes that is held
 FLIES = 1e6  # cells, by which no body moves in an iteration that something holds
 
 
@@ -83,6 +84,28 @@ def check_solution(steps: Equations, du: Array, dq: Array) -> float:
             "nothing holds it"
         )
     return far
+
+
+def check_flown(steps: Equations, far: float, driven: float) -> None:
+    """Require that bodies have come no farther in an increment than ones that something holds.
+
+    Args:
+        steps: what is solved.
+        far: how far they have come [length].
+        driven: how far supports and obstacles have, but for turns [length]; same on every rank.
+
+    Raises:
+        StepFailed: they have. Collective.
+    """
+    comm, x = steps.bodies.dofs.comm, steps.bodies.dofs.points
+    both = np.concatenate([x, -x], axis=1).max(axis=0, initial=-np.inf)
+    size = float(np.linalg.norm(np.max(comm.allgather(both), axis=0).reshape(2, -1).sum(axis=0)))
+    if not steps.bodies.in_time and far > AS_FAR * (size + driven):
+        raise StepFailed(
+            f"a body flies away, by {far:.2g}, where what moves it goes {driven:.2g} and all "
+            f"bodies together are {size:.2g} large: nothing holds it. Hold it by supports or weak "
+            "springs"
+        )
 
 
 def unbalanced(steps: Equations, error: float, left: Array) -> NothingHolds:

@@ -18,6 +18,7 @@ from dolfinx_llm.finite.failures import (
     Going,
     NothingHolds,
     StepFailed,
+    check_flown,
     failing,
     unbalanced,
     where,
@@ -203,7 +204,11 @@ class NewtonSteps:
 
     def _measure(self, run: Increment, step: LoadStep, start: NewtonState) -> None:
         """How far bodies have gone in an increment, and what moved them: where supports and
-        obstacles alone did, without turns and forces. Collective."""
+        obstacles alone did, without turns and forces. Collective.
+
+        Raises:
+            StepFailed: bodies that nothing holds have flown away.
+        """
         equations, comm = self.equations, self.equations.bodies.dofs.comm
         moved, pushed = np.abs(run.u - start.u), np.abs(step.unbalanced)
         mine = [float(a.max(initial=0.0)) for a in (moved[run.fixed], moved, pushed)]
@@ -212,6 +217,7 @@ class NewtonSteps:
         changes = [np.abs(now - before) for now, before in of]
         shifts = [float(change[gdim : 2 * gdim].max(initial=0.0)) for change in changes]
         driven, others = max([supports, *shifts]), any(c[2 * gdim :].any() for c in changes)
+        check_flown(equations, far, driven)
         if equations.followers or others or load > DRIVEN * equations.scale * driven:
             return
         if driven > 0.0 and far * self._leapt[1] >= self._leapt[0] * driven:

@@ -3,9 +3,12 @@
 import finite_patch
 import numpy as np
 import pytest
+import scenes
 import test_finite_deformation as fd
 import ufl
+from contact_scenes import ABOVE, BELOW, rectangle
 from dolfinx import fem
+from mpi4py import MPI
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -67,3 +70,29 @@ def test_a_body_is_pushed_through_another(monkeypatch):
     problem = two(0.17, top=(0.0, -3.0), cells=(2, 3))
     with pytest.raises(llm.ContactError, match="drawn at .*the interface between tag 2 and tag 3"):
         problem.solve()
+
+
+def test_a_body_that_flies_away():
+    """A block between two others, let go where nothing but its frictionless faces holds it: it came
+    to rest without forces, 90 times as far away as all are large, with a warning alone."""
+    u, F, tags, held = [], [], [], []
+    for k, n in enumerate((4, 7, 5)):
+        domain, marked = rectangle(MPI.COMM_SELF, (n, 3), (0, k), (1, k + 1), "triangle")
+        V = compat.function_space(domain, shape=(2,))
+        u.append(fem.Function(V))
+        energy = finite_patch.energy(u[k], *finite_patch.lame(10.0, 0.3))
+        F.append(ufl.derivative(energy * ufl.dx, u[k], ufl.TestFunction(V)))
+        tags.append(marked)
+        at, moved = (0.0, 1.0, 3.0)[k], (0.0, -0.03, -0.1)[k]
+        where = fem.locate_dofs_geometrical(V, scenes.on(1, at))
+        held.append(fem.dirichletbc(fem.Constant(domain, (0.0, moved)), where, V))
+    between = [
+        llm.Interface(None, ((low, ABOVE), (high, BELOW)), law=llm.Frictionless())
+        for low, high in zip(tags, tags[1:])
+    ]
+    problem = llm.NonlinearContactProblem(F, u, bcs=held, interfaces=between)
+    problem.solve()
+    del held[1]
+    with pytest.raises(llm.ContactError, match="Newton's iteration fails"):
+        problem.solve()
+    assert max(np.abs(f.x.array).max() for f in u) < 1.0
