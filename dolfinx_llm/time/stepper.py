@@ -23,6 +23,7 @@ from dolfinx_llm.time.given import KnownMass, given_densities, step_length
 from dolfinx_llm.time.inertia import moved_mass
 from dolfinx_llm.time.mean import MeanForces
 from dolfinx_llm.time.momenta import End, Momenta
+from dolfinx_llm.time.pulls import Pulls
 from dolfinx_llm.time.steps import Steps, Touch
 
 SCHEMES = "massless", "newmark"
@@ -158,6 +159,9 @@ class TimeStepper(Steps):
         self._bare = diagonal_of(self._M) == 0.0
         alone = nonlinear and not options.get("loads")  # follower loads count as contact
         self._momenta = Momenta(spaces, chosen, self._M) if alone else None
+        laws = [i.law for i in self.problem.interfaces]
+        rubs = [law.opens and law.slips and not law.gives for law in laws]
+        self._pulls = [Pulls(i.name) if r else None for i, r in zip(chosen, rubs, strict=True)]
         self._adaptive, self._touch = adaptive, Touch(*(np.zeros(0),) * 3, 0.0, 0.0)
 
     @property

@@ -16,12 +16,13 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.base.log import log
+from dolfinx_llm.base.log import log, warn
 from dolfinx_llm.base.parallel import collective, told
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.problem.bulk import fill
 from dolfinx_llm.problem.state_file import Arrays
 from dolfinx_llm.time.given import KnownMass
+from dolfinx_llm.time.pulls import Pulls
 from dolfinx_llm.time.starting import Starting
 
 NO_PULL = 1e-9  # of the force that stops a node in a step: pulls by less are rounding
@@ -86,6 +87,7 @@ class Steps(Starting):
     _adaptive: float | None
     _accepted: Callable[[Any], None] | None
     _known_mass: KnownMass
+    _pulls: list[Pulls | None]  # per interface; None: without friction
 
     def _speed(self, u: Array) -> Array:
         """(n_local,) velocity at the start of a step from u (n_local,): none where supports do not
@@ -117,6 +119,8 @@ class Steps(Starting):
             if kept is None or not at:
                 self._touch = touch
                 self.t += dt
+                of = zip(self._pulls, self.problem.results, strict=True)
+                warn(self.comm, [w for p, r in of if p for w in p.told(r.sides, dt)], ())
                 if self._accepted is not None:
                     with collective(self.comm):
                         self._accepted(self)

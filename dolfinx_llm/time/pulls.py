@@ -1,0 +1,50 @@
+"""What pairs with friction pull with as they open, over what they press with.
+
+A pair that opens in a step is held in it for one moment, in which it pulls, without friction; it
+has pressed by as much more before, with friction. Bodies that swing undamped do so all the time,
+and friction then is that of more normal force than there is: a block stopped 26 % short of v²/2μg.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from dolfinx_llm.base.arrays import Array
+
+PULL_SHARE = 0.01  # of what pairs have pressed with, up to which nothing is said
+TOLD_AGAIN = 2.0  # times the share that has been told, from which on it is told again
+
+
+class Pulls:
+    """Impulses of the pairs of one interface since the start.
+
+    Args:
+        name: of the interface.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name, self._told = name, PULL_SHARE / TOLD_AGAIN
+        self._last, self._pressed, self._pulled = np.zeros(0), 0.0, 0.0
+
+    def told(self, sides: Sequence[Any], dt: float) -> list[str]:
+        """What is to be said after a step of length dt [time].
+
+        Args:
+            sides: of the interface's result.
+        """
+        now: Array = np.concatenate([side.pressing for side in sides])
+        if len(now) == len(self._last):
+            self._pulled -= dt * float(now[(now < 0.0) & (self._last > 0.0)].sum())
+        self._pressed += dt * float(now[now > 0.0].sum())
+        self._last = now
+        if self._pulled <= TOLD_AGAIN * self._told * self._pressed:
+            return []
+        self._told = share = self._pulled / self._pressed
+        return [
+            f"interface {self.name}: pairs that open have pulled with {share:.1%} of what they "
+            "pressed with since the start, in moments without friction: friction may be too large "
+            "by as much. Bodies swing: give damping=0.1 to the TimeStepper, or take smaller steps"
+        ]
