@@ -118,6 +118,18 @@ def below(blocks: Sequence[csr_matrix]) -> csr_matrix:
     return blocks[0] if len(blocks) == 1 else vstack(blocks, format="csr")
 
 
+def joined(blocks: Sequence[csr_matrix], shape: tuple[int, int] | None = None) -> csr_matrix:
+    """Blocks along the diagonal, filled up with zeros to a shape."""
+    ends = np.cumsum([(0, 0), *(block.shape for block in blocks)], axis=0)
+    rows, columns = ends[-1] if shape is None else shape
+    count = [np.diff(block.indptr) for block in blocks]
+    starts = np.concatenate([[0], *count, np.zeros(rows - ends[-1, 0], dtype=int)]).cumsum()
+    at = zip(blocks, ends[:, 1], strict=False)
+    index = np.concatenate([np.zeros(0, dtype=np.int32), *(b.indices + c for b, c in at)])
+    values = np.concatenate([np.zeros(0), *(block.data for block in blocks)])
+    return csr_matrix((values, index, starts), (rows, columns))
+
+
 def renumbered(matrix: csr_matrix, columns: Array, m: int) -> csr_matrix:
     """(n, m) matrix of the same entries, with other numbers of the columns (k,).
 

@@ -12,10 +12,8 @@ from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.finite.frame_side import on_mover
 from dolfinx_llm.finite.pairs.normal_contact import NormalPlace
 from dolfinx_llm.finite.pairs.terms import ContactTerms, MovingContact, Place
-from dolfinx_llm.geometry.cells import unit_normals
-from dolfinx_llm.geometry.drawn import SHARP
+from dolfinx_llm.geometry.drawn import SHARP, angles_between
 from dolfinx_llm.geometry.facing import TURN
-from dolfinx_llm.geometry.pieces import neighbours
 from dolfinx_llm.laws.rows import OPEN
 
 LEAPS = 10.0  # times as far as supports and obstacles have gone
@@ -81,9 +79,8 @@ def rounded_off(contact: MovingContact, t: ContactTerms) -> list[str]:
         return []
     frame, on = sides.carrier, np.zeros(len(sides.carrier.facets), dtype=bool)
     on[place.at.facet[t.status != OPEN]] = True
-    normal, (i, j) = unit_normals(frame.x, frame.facets), neighbours(frame.facets)
-    sharp = np.einsum("ni,ni->n", normal[i], normal[j]) < np.cos(SHARP)
-    both = np.flatnonzero(sharp & on[i] & on[j])
+    i, j, angle = angles_between(frame.x, frame.facets)
+    both = np.flatnonzero((angle > SHARP) & on[i] & on[j])
     if not len(both):
         return []
     node = np.intersect1d(frame.facets[i[both[0]]], frame.facets[j[both[0]]])[0]
@@ -91,8 +88,8 @@ def rounded_off(contact: MovingContact, t: ContactTerms) -> list[str]:
     return [
         f"{sides.mover.name} on {frame.name}: presses on both sides of {len(both)} sharp edge(s) "
         f"of {frame.name}, the first at {place_of}: normals turn along all of the facets beside "
-        "it, and forces there are not exact, and do work. Round the edge off, or use smaller "
-        f"facets there than on {sides.mover.name}"
+        "it, and forces there are not exact, and do work. Leave facets beyond sharp edges out of "
+        f"the tag of {sides.mover.name}, so that it carries the frame; else round the edge off"
     ]
 
 

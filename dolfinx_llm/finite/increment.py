@@ -129,7 +129,7 @@ class Increment:
             _push(self.pushed, placed.numbers - self.dofs.first, force)
             largest = max(largest, np.abs(force).max(initial=0.0))
         for placed, t in zip(steps.interfaces, self.terms, strict=True):
-            _push(self.pushed, placed.numbers - self.dofs.first, t.force)
+            _push(self.pushed, placed.numbers - self.dofs.first, placed.at_dofs(t.force))
             largest = max(largest, np.abs(t.force).max(initial=0.0))
         r -= self.pushed
         parts = r[self.fixed], self.unbalanced, r[~self.fixed], self.u
@@ -223,7 +223,7 @@ class Increment:
         """Whether the linear model has other pairs in contact than were put in; these are then. A
         body that comes down on a few nodes alone would bear all of its load on them."""
         every, now = self.steps.interfaces, list(self.status)
-        dz = [self.dofs.values(placed.numbers, du) for placed in every]
+        dz = [placed.values(self.dofs, du) for placed in every]
         places = [t.place for t in self.terms]
         for i, (t, q, held) in enumerate(zip(self.terms, self.own, self.held, strict=True)):
             if every[i].what.settles:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -46,20 +46,49 @@ class Placed:
     """Contact or a follower load, and where its coordinates stand."""
 
     what: Any  # MovingContact or Follower
-    numbers: Array  # (width,) dofs in the vector of all bodies
+    numbers: Array  # (k,) dofs in the vector of all bodies
     drawn: Array  # (width,) coordinates as drawn [length]
     free: Array  # (width,) not prescribed
     reads: Callable[[], dict[str, Array]] | None = None  # ``Law.begin_step``; None: nothing
+    made: Any = None  # (width, k) coordinates by those of k dofs: see ``DividedSides``; None: these
     shared: Any = None  # (n,) whether the moving side's nodes carry frames of other interfaces
 
     def under(self, dofs: BodyDofs) -> Placed:
         """The same where other dofs are prescribed; collective."""
-        return replace(self, free=dofs.values(self.numbers, dofs.fixed.astype(float)) == 0.0)
+        free = dofs.values(self.numbers, dofs.fixed.astype(float)) == 0.0
+        return replace(self, free=free if self.made is None else abs(self.made) @ free > 0.0)
+
+    def values(self, dofs: BodyDofs, u: Array) -> Array:
+        """(width,) at the coordinates, of this rank's (n_local,); collective."""
+        found = dofs.values(self.numbers, u)
+        return found if self.made is None else np.asarray(self.made @ found)
+
+    def at_dofs(self, force: Array) -> Array:
+        """(k,) of forces (width,) on the coordinates."""
+        return force if self.made is None else np.asarray(self.made.T @ force)
+
+    @cached_property
+    def known(self) -> Array:
+        """(width,) dofs by which the coordinates are known, negative where they have none."""
+        if self.made is None:
+            return self.numbers
+        own = np.diff(self.made.indptr) == 1
+        at = self.made.indices[self.made.indptr[:-1]]
+        return np.where(own, self.numbers[at], -1)
+
+    def touched(self, moving: Array, now: Array) -> Array:
+        """Of dofs by which nodes of the moving side are known (n,), those of nodes in contact, by a
+        status (n,), and of nodes that these go with."""
+        on = (now != OPEN)[: len(moving)]
+        if self.made is None:
+            return moving[on]
+        rows = self.what.sides.split(np.arange(len(self.drawn)))[0][on, 0]
+        return self.numbers[np.unique(self.made[rows].indices)]
 
     @property
     def moving(self) -> Array:
         """(n,) dofs by which the moving side's nodes are known."""
-        found: Array = self.what.sides.split(self.numbers)[0][:, 0]
+        found: Array = self.what.sides.split(self.known)[0][:, 0]
         return found
 
     @property
@@ -67,7 +96,7 @@ class Placed:
         """The same of the moving side and of the frame; neither without one."""
         if self.what.sides is None or self.what.sides.frame is None:
             return np.zeros(0), np.zeros(0)
-        moving, frame = self.what.sides.split(self.numbers)
+        moving, frame = self.what.sides.split(self.known)
         return moving[:, 0], frame[:, 0]
 
     @property
@@ -88,7 +117,7 @@ class Placed:
 
     def at(self, dofs: BodyDofs, u: Array) -> Array:
         """(width,) coordinates at this rank's u; collective."""
-        return self.drawn + dofs.values(self.numbers, u)
+        return self.drawn + self.values(dofs, u)
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +203,7 @@ def touching_of(load: Placed, interfaces: Sequence[Placed], status: Sequence[Any
     for placed, now in zip(interfaces, status, strict=True):
         if obstacle is None or placed.against(obstacle):
             moving = placed.meets[0] if obstacle is None else placed.moving
-            closed.append(moving if now is None else moving[(now != OPEN)[: len(moving)]])
+            closed.append(moving if now is None else placed.touched(moving, now))
     n, gdim = load.what.surfaces[0].x.shape
     nodes = load.meets[0] if obstacle is None else load.numbers[: n * gdim : gdim]
     return np.isin(nodes, np.concatenate(closed))
@@ -211,7 +240,8 @@ def with_shared(
     their frames, or in contact, by status (n,)."""
     closed = [np.zeros(0), *(p.moving[s != OPEN] for p, s in zip(interfaces, status, strict=True))]
     found, count = np.unique(np.concatenate(closed), return_counts=True)
-    shared = [p.shared | np.isin(p.moving, found[count > 1]) for p in interfaces]
+    twice = found[(count > 1) & (found >= 0)]
+    shared = [p.shared | np.isin(p.moving, twice) for p in interfaces]
     return [replace(h, shared=s) for h, s in zip(held, shared, strict=True)]
 
 
@@ -231,4 +261,4 @@ def stays(steps: Equations, start: NewtonState) -> list[Any]:
 def slid(steps: Equations, terms: list[ContactTerms], du: Array) -> float:
     """How far nodes in contact slide over the other side for a change of u [length]."""
     every, dofs = zip(steps.interfaces, terms, strict=True), steps.bodies.dofs
-    return max((slide(p.what, t, dofs.values(p.numbers, du)) for p, t in every), default=0.0)
+    return max((slide(p.what, t, p.values(dofs, du)) for p, t in every), default=0.0)

@@ -10,6 +10,7 @@ import numpy as np
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.finite.densities import densities
+from dolfinx_llm.finite.frame.divided_sides import DividedSides
 from dolfinx_llm.finite.frame.self_sides import SelfSides
 from dolfinx_llm.finite.frame_side import (
     gap_of_frame,
@@ -164,10 +165,10 @@ def moving_results(
         own = density[sides.moving]
         if own is not None and density[sides.frame] is not None:
             density[sides.frame] = -(opposite @ own)
-    of = zip(
+    of = list(zip(
         sides.surfaces, places, forces, normals, gaps, to_frame, slips, statuses, areas, density,
         strict=True,
-    )  # fmt: skip
+    ))  # fmt: skip
     first, second = (_side(*own) for own in of)
     sign = 1.0 if sides.frame == 0 else -1.0
     total, normal = sign * forces[sides.frame], sign * outward
@@ -190,13 +191,15 @@ def moving_results(
         acts = per_area(forces[sides.moving], areas[sides.moving])
         acts = along_normals(acts if of_moving is None else of_moving, moving.normal)
         pressed, traction = opposite @ acts[:, 0], -sign * (opposite @ acts[:, 1:])
+    if isinstance(sides, DividedSides):
+        of[sides.moving] = sides.of_whole(*of[sides.moving])
     drawn, origin = sides.carrier.x, sides.carrier.origin
     if isinstance(sides, SelfSides):  # both are the frame's surface
         pressed[active] = own_pressed[active]
         at_frame = np.where(active, status, at_frame)
     return MovingInterfaceResult(
         frame=Frame(y + origin, cells if sides.frame == 0 else cells[:, ::-1], v=y - drawn),
-        sides=(first, second),
+        sides=(_side(*of[0]), _side(*of[1])),
         frame_force=force,
         frame_area=place.areas[1],
         frame_friction=friction,

@@ -1,4 +1,4 @@
-"""Surfaces of first order that are drawn curved: normals at their nodes."""
+"""Surfaces of first order that are drawn curved: normals at their nodes; sharp edges."""
 
 from __future__ import annotations
 
@@ -7,9 +7,17 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, summing
-from dolfinx_llm.geometry.cells import facets_around, outline_edges, unit, vector_areas
+from dolfinx_llm.geometry.cells import (
+    facets_around,
+    outline_edges,
+    unit,
+    unit_normals,
+    vector_areas,
+)
+from dolfinx_llm.geometry.pieces import neighbours
 
 CURVES, SHARP = 1e-3, np.pi / 6  # angles of facets with the mean about a node, where it is curved
+STANDS_OUT = 2.0  # times as sharp as what facets meet at beside it, or SHARP: an edge
 HARDLY_TOLD = 1e-6  # of the largest share in a fit: directions that it tells no slope along
 
 
@@ -43,6 +51,29 @@ def drawn_curved(x: Array, facets: Array) -> tuple[csr_matrix | None, Array]:
         weights = (kept @ around + summing(rim, m) @ own).tocsr()
         angle = angles(weights)
     return weights, (angle > CURVES) & (angle < SHARP)
+
+
+def angles_between(x: Array, facets: Array) -> tuple[Array, Array, Array]:
+    """(e,) pairs i and j of facets (f, k) that are neighbours, and the angle between their normals,
+    for nodes x (m, gdim)."""
+    normal, (i, j) = unit_normals(x, facets), neighbours(facets)
+    return i, j, np.arccos(np.clip(np.einsum("ni,ni->n", normal[i], normal[j]), -1.0, 1.0))
+
+
+def has_edges(x: Array, facets: Array) -> bool:
+    """Whether a surface has sharp edges, as of ``angles_between``: facets of a round one, however
+    coarse, meet at like angles side by side."""
+    i, j, angle = angles_between(x, facets)
+    if not (angle > SHARP).any():
+        return False
+    centre = x[facets].mean(axis=1)
+    bends = np.sign(np.einsum("ei,ei->e", centre[j] - centre[i], unit_normals(x, facets)[i]))
+    of = np.tile(np.arange(len(angle)), 2), np.append(i, j)
+    beside = csr_matrix((np.ones(2 * len(angle)), of), (len(angle), len(facets)))
+    alike = (diagonal(bends) @ beside @ beside.T @ diagonal(bends)).tocoo()  # both out, or both in
+    alike.data = np.where((alike.row != alike.col) & (alike.data > 0.0), 1.0, 0.0)
+    others = (alike.tocsr() @ diagonal(np.minimum(angle, SHARP))).max(axis=1).toarray().ravel()
+    return bool((angle > np.maximum(SHARP, STANDS_OUT * others)).any())
 
 
 def _continued(

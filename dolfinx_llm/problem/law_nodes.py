@@ -8,6 +8,7 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.finite.frame.divided_sides import DividedSides
 from dolfinx_llm.finite.frame.location import INSIDE, find_on_frame
 from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.finite.obstacles.obstacle_contact import OneSide
@@ -21,9 +22,10 @@ from dolfinx_llm.operators.numbering import BodyDofs
 def nodes_of(
     interface: Interface, sides: Sides | OneSide, site: Site, drawn: Array, dofs: BodyDofs
 ) -> LawNodes:
-    """The moving side's nodes as a law is told of them, with unit areas."""
-    x = sides.mover.x
-    places = x + sides.mover.origin
+    """The moving side's nodes, of whole facets, as a law is told of them, with unit areas."""
+    mover = sides.whole if isinstance(sides, DividedSides) else sides.mover
+    x = mover.x
+    places = x + mover.origin
     n, q = len(x), sides.gdim - 1
 
     def sampled(value: Any) -> Array:

@@ -9,12 +9,14 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import chosen, collective, told
 from dolfinx_llm.finite.frame.design import Design
+from dolfinx_llm.finite.frame.divided_sides import DividedSides, where_sharp
 from dolfinx_llm.finite.frame.self_sides import SelfSides
 from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.finite.load_step import NewtonState, Placed
@@ -41,6 +43,7 @@ from dolfinx_llm.interface.tool_forces import check_beside
 from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
 from dolfinx_llm.laws.law import Law
+from dolfinx_llm.laws.rows import LawNodes
 from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.problem.law_nodes import nodes_of
@@ -96,7 +99,11 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
         )
     site, frame = _led(interface, dofs)
     site = replace(site, whole=near(site.whole))
-    return _on_frame(interface, Sides.of(site.whole, frame), site, dofs)
+    sides = Sides.of(site.whole, frame)
+    if frame is None and interface.law.opens and not _is_asked(interface.law):
+        sharp = chosen(dofs.comm, partial(where_sharp, site.whole))
+        sides = sides if sharp is None else DividedSides.with_parts(site.whole, *sharp)
+    return _on_frame(interface, sides, site, dofs)
 
 
 def led_otherwise(interface: Interface, placed: Placed, dofs: BodyDofs) -> bool:
@@ -135,11 +142,20 @@ def _on_frame(interface: Interface, sides: Sides, site: Site, dofs: BodyDofs) ->
         elif isinstance(law, Tied):
             contact = TiedContact.of(sides, drawn, design, law.close_gap)
         elif law.slips:
-            reads = partial(law.begin_step, nodes)
+            reads = partial(_read, law, nodes, sides)
             contact = FrictionContact(sides, design, *_bounds(reads))
         else:
             contact = NormalContact(sides, design)
-    return placed_at(contact, site.whole, site.spaces, dofs, reads)
+    made = sides.made if isinstance(sides, DividedSides) else None
+    return placed_at(contact, site.whole, site.spaces, dofs, reads, made)
+
+
+def _read(law: Law, nodes: LawNodes, sides: Sides) -> dict[str, Array]:
+    """What the law tells of nodes, at all of the pairs."""
+    given = law.begin_step(nodes)
+    if not isinstance(sides, DividedSides):
+        return given
+    return {name: np.maximum(sides.shares @ values, 0.0) for name, values in given.items()}
 
 
 def _bounds(reads: Callable[[], dict[str, Array]]) -> list[Array]:
@@ -203,7 +219,8 @@ def check_contacts(
     ``check_start``, at this rank's u (n_local,); collective."""
     facets = []
     for interface, placed in zip(interfaces, contacts, strict=True):
-        surfaces = placed.what.sides.surfaces
+        sides = placed.what.sides
+        surfaces = sides.as_they_are if isinstance(sides, DividedSides) else sides.surfaces
         ends = np.cumsum([surface.x.size for surface in surfaces])
         parts = [part.reshape(-1, s.x.shape[1])[:, 0][s.facets]
                  for part, s in zip(np.split(placed.numbers, ends), surfaces)]  # fmt: skip
@@ -229,10 +246,11 @@ def anatomy(interface: Interface, placed: Placed) -> str:
     if sides.frame is not None:
         frame = sides.carrier
         where = f"frame on {frame.name}, {len(frame.x)} nodes"
-    return (
-        f"  interface {interface.name}, {interface.law}: {where}; {len(moving.x)} nodes of "
-        f"{moving.name} on it"
-    )
+    nodes = f"{len(moving.x)} nodes of {moving.name}"
+    if isinstance(sides, DividedSides):
+        own = len(sides.whole.x)
+        nodes = f"{own} nodes of {moving.name}, and {len(moving.x) - own} points in between,"
+    return f"  interface {interface.name}, {interface.law}: {where}; {nodes} on it"
 
 
 def results_of(
@@ -272,9 +290,11 @@ def placed_at(
     spaces: Sequence[int],
     dofs: BodyDofs,
     reads: Callable[[], dict[str, Array]] | None = None,
+    made: csr_matrix | None = None,
 ) -> Placed:
-    """Where the coordinates of some surfaces stand, and what the law between them reads."""
+    """Where the coordinates of some surfaces stand, what makes them, and what the law reads."""
     numbers = [dofs.of(i, s).ravel() for i, s in zip(spaces, surfaces, strict=True)]
     at = np.concatenate(numbers)
     drawn = np.concatenate([s.x.ravel() for s in surfaces])
-    return Placed(what, at, drawn, np.ones(len(at), dtype=bool), reads).under(dofs)
+    drawn = drawn if made is None else made @ drawn
+    return Placed(what, at, drawn, np.ones(len(drawn), dtype=bool), reads, made).under(dofs)

@@ -60,7 +60,7 @@ def posed(
 
 def _shared(contacts: Sequence[Placed]) -> list[Placed]:
     """The same, which know the nodes that carry frames of others."""
-    frames = [c.what.sides.split(c.numbers)[1][:, 0] for c in contacts]
+    frames = [c.what.sides.split(c.known)[1][:, 0] for c in contacts]
     others = [[np.zeros(0), *frames[:i], *frames[i + 1 :]] for i in range(len(contacts))]
     of = zip(contacts, others, strict=True)
     return [replace(c, shared=np.isin(c.moving, np.concatenate(other))) for c, other in of]
@@ -153,6 +153,7 @@ def _numbered(
         [c.what.size for c in contacts],
         options=(options[0], options[1] or {}),
         sides=[c.what.sides for c in contacts],
+        made=[c.made for c in contacts],
         iterates=solver == "condensed",
     )
     return system, solver, why

@@ -69,7 +69,7 @@ def _sense(surface: Surface) -> tuple[float, ...]:
     return tuple((told.round(6) + 0.0).tolist())
 
 
-def _coarser(surfaces: Sequence[Surface]) -> int:
+def coarser(surfaces: Sequence[Surface]) -> int:
     """Which of two surfaces is; alike the one whose normal comes first, of closed ones the one in
     the other."""
     size = [cell_sizes(s.x, s.skin).mean() * PER_NODE[s.skin.shape[1]] for s in surfaces]
@@ -103,7 +103,7 @@ class Sides:
             frame: which carries the frame since supports move it as a whole; None: the coarser one.
         """
         prescribed = frame is not None
-        frame = _coarser(surfaces) if frame is None else frame
+        frame = coarser(surfaces) if frame is None else frame
         flat = surfaces[0].x.shape[1] == 2
         chains = Chains.of(surfaces[frame].facets) if flat else None
         around, rounded = drawn_curved(surfaces[frame].x, surfaces[frame].skin)
@@ -155,6 +155,10 @@ class Sides:
         parts = np.split(z, [self.surfaces[0].x.size])
         parts = [part.reshape(-1, self.gdim) for part in parts]
         return parts[self.moving], parts[self.frame]
+
+    def moves(self, free: Array) -> Array:
+        """(n, gdim) components in which nodes of the moving side have motions of their own."""
+        return self.split(free)[0]
 
     def in_order(self, moving: Item, frame: Item) -> tuple[Item, Item]:
         """What belongs to the moving side and to the frame, in the order of the surfaces."""

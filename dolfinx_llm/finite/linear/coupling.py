@@ -21,12 +21,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, identity
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
-from dolfinx_llm.base.sparse import diagonal, per_component, per_item
+from dolfinx_llm.base.sparse import diagonal, joined, per_component, per_item
 from dolfinx_llm.finite.pairs.terms import FAST, ContactTerms
 from dolfinx_llm.forms.condensed.krylov import WIDEST
 from dolfinx_llm.operators.numbering import BodyDofs
@@ -43,32 +43,33 @@ BETA = 2.0  # by how much rows yield, over what a single node does: less hides t
 class Condensed:
     """An interface's part of the preconditioner, and its own equations over their size."""
 
-    C: csr_matrix  # (width, width) stiffness of the pairs, zero at prescribed coordinates
-    rows: csr_matrix  # (q, width) ``left``; where pairs are concerned without derivatives of rows
+    C: csr_matrix  # (k, k) stiffness of the pairs at k dofs, zero at prescribed ones
+    rows: csr_matrix  # (q, k) ``left``; where pairs are concerned without derivatives of rows
     yielding: csr_matrix  # (q, q) own' - own
     scaling: csr_matrix  # (q, q) by which own equations are multiplied
-    jumps: tuple[csr_matrix, csr_matrix]  # (n gdim, width) J of the n pairs, and of all of N
-    held: csr_matrix  # (width, width) the part of C of rows that yield together
+    jumps: tuple[csr_matrix, csr_matrix]  # (n gdim, k) J of the n pairs, and of all of N
+    held: csr_matrix  # (k, k) the part of C of rows that yield together
     gdim: int
 
     def entries(self, slides: bool) -> csr_matrix:
-        """(width, width) 1 where C may have entries, whether pairs stick or slip; where nodes slide
+        """(k, k) 1 where C may have entries, whether pairs stick or slip; where nodes slide
         also those that it soon may have."""
         J = abs(self.jumps[slides])
         blocks = np.ones((J.shape[0] // self.gdim, self.gdim, self.gdim))
         return (J.T @ per_item(blocks) @ J + abs(self.held)).sign().tocsr()
 
     @classmethod
-    def of(cls, t: ContactTerms, sides: Any, free: Array, d: float) -> Condensed:
+    def of(cls, t: ContactTerms, sides: Any, M: csr_matrix, free: Array, d: float) -> Condensed:
         """Of an interface.
 
         Args:
             t: its part of Newton's system.
             sides: its surfaces.
-            free: (width,) coordinates that are not prescribed.
+            M: (width, k) by which coordinates follow dofs: see ``Placed``.
+            free: (k,) dofs that are not prescribed.
             d: stiffness of a node [force / length].
         """
-        n, gdim = t.place.normal.shape
+        (n, gdim), M, free = t.place.normal.shape, M @ diagonal(free), abs(M) @ free > 0.0
         J = sides.jumps(_main(t.place.N))
         x = np.arange(n * gdim) if sides.frame is None else sides.columns[0].ravel()
         scaling = _scaling(t, free, d)
@@ -114,7 +115,8 @@ class Condensed:
         jointly = _jointly(t, keep, joint, d)
         C = keep @ J.T @ per_item(H) @ J @ keep + jointly
         of_all = sides.jumps(t.place.N)
-        return cls(C, rows @ keep, yielding, scaling, (J, of_all), jointly, gdim)
+        C, jointly, jumps = M.T @ C @ M, M.T @ jointly @ M, (J @ M, of_all @ M)
+        return cls(C.tocsr(), rows @ keep @ M, yielding, scaling, jumps, jointly, gdim)
 
 
 def _jointly(t: ContactTerms, keep: csr_matrix, joint: Array, d: float) -> csr_matrix:
@@ -205,13 +207,14 @@ class Coupling:
         dofs: of the bodies.
         terms: of the interfaces.
         sides: their surfaces.
-        places: numbers of the coordinates of each interface, then of each follower load.
+        places: numbers of the dofs of each interface, then of each follower load.
+        made: per interface what makes its coordinates of them; None: they are these.
         followers: minus the derivatives of these by their coordinates.
         d: stiffness of a node of the bodies [force / length].
         fitted: what of each interface's stiffness goes into the preconditioner.
 
     Attributes:
-        stiffness: per interface, what goes into the preconditioner (width, width).
+        stiffness: per interface, what goes into the preconditioner (k, k).
         wrong: why there is no preconditioner; empty where there is one.
     """
 
@@ -221,6 +224,7 @@ class Coupling:
         terms: Sequence[ContactTerms],
         sides: Sequence[Any],
         places: Sequence[Array],
+        made: Sequence[csr_matrix | None],
         followers: Sequence[csr_matrix],
         d: float,
         fitted: Callable[[Sequence[Condensed]], list[csr_matrix]],
@@ -230,22 +234,23 @@ class Coupling:
         free = dofs.values(numbers, dofs.fixed.astype(float)) == 0.0
         ends = np.cumsum([0, *map(len, places)])
         parts = [
-            Condensed.of(t, s, free[a:b], d)
-            for t, s, a, b in zip(terms, sides, ends[:-1], ends[1:], strict=False)
+            Condensed.of(t, s, identity(b - a, format="csr") if M is None else M, free[a:b], d)
+            for t, s, M, a, b in zip(terms, sides, made, ends[:-1], ends[1:], strict=False)
         ]
+        terms = [t.by_whole(M) for t, M in zip(terms, made, strict=True)]
         self.stiffness, self.wrong, self._yielded = fitted(parts), "", np.asarray
-        self.scaling = _joined([part.scaling for part in parts])
+        self.scaling = joined([part.scaling for part in parts])
         size = len(numbers), self.scaling.shape[0]
-        self._all_left = self.scaling @ _joined([t.left for t in terms], size[::-1])
+        self._all_left = self.scaling @ joined([t.left for t in terms], size[::-1])
         keep = diagonal(free)
-        self.K_all = _joined([*(t.K for t in terms), *followers], size[:1] * 2)
-        C = _joined(self.stiffness, size[:1] * 2)
+        self.K_all = joined([*(t.K for t in terms), *followers], size[:1] * 2)
+        C = joined(self.stiffness, size[:1] * 2)
         self.K = keep @ self.K_all @ keep - C
-        self.top = keep @ _joined([t.top for t in terms], size)
+        self.top = keep @ joined([t.top for t in terms], size)
         self.left = self._all_left @ keep
-        self.own = self.scaling @ _joined([t.own for t in terms])
-        self._rows = _joined([part.rows for part in parts], size[::-1])
-        own = self.own + _joined([part.yielding for part in parts])
+        self.own = self.scaling @ joined([t.own for t in terms])
+        self._rows = joined([part.rows for part in parts], size[::-1])
+        own = self.own + joined([part.yielding for part in parts])
         try:
             with collective(self.comm):
                 self._yielded = splu(own.tocsc()).solve if size[1] else np.asarray
@@ -286,15 +291,3 @@ class Coupling:
     def after(self, s: Array, u: Array) -> Array:
         """q of left u + own' q = s in the preconditioner; collective."""
         return self._yielded(s - self._rows @ self.at(u))
-
-
-def _joined(blocks: Sequence[csr_matrix], shape: tuple[int, int] | None = None) -> csr_matrix:
-    """Blocks along the diagonal, filled up with zeros to a shape."""
-    ends = np.cumsum([(0, 0), *(block.shape for block in blocks)], axis=0)
-    rows, columns = ends[-1] if shape is None else shape
-    count = [np.diff(block.indptr) for block in blocks]
-    starts = np.concatenate([[0], *count, np.zeros(rows - ends[-1, 0], dtype=int)]).cumsum()
-    at = zip(blocks, ends[:, 1], strict=False)
-    index = np.concatenate([np.zeros(0, dtype=np.int32), *(b.indices + c for b, c in at)])
-    values = np.concatenate([np.zeros(0), *(block.data for block in blocks)])
-    return csr_matrix((values, index, starts), (rows, columns))

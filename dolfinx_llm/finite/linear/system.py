@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
@@ -48,6 +49,7 @@ class NewtonSystem(Parts):
 
     options: tuple[str, dict[str, Any]] = ("", {})  # prefix, and PETSc options
     sides: Sequence[Any] = ()  # surfaces of each interface
+    made: Sequence[csr_matrix | None] = ()  # what makes the coordinates of each: see ``Placed``
     iterates: bool = False  # whether GMRES is to solve it
     iterations: int = 0  # of GMRES, since they were asked for
     failures: int = 0  # of GMRES in a row
@@ -88,6 +90,7 @@ class NewtonSystem(Parts):
             if found is not None:
                 return found
         K = K.copy()
+        terms = [t.by_whole(made) for t, made in zip(terms, self.made, strict=True)]
         bodies = [Part(t.K, at, at) for t, at in zip(terms, self.numbers, strict=True)]
         self.add(K, [*bodies, *followers])
         fixed = np.flatnonzero(self.dofs.fixed)
@@ -109,8 +112,8 @@ class NewtonSystem(Parts):
         """The same by GMRES; None where it does not get there."""
         dofs, d, grids = self.dofs, mean_diagonal(K), self._grids
         places = [*self.numbers, *(f.rows for f in followers)]
-        loads = [f.matrix for f in followers]
-        coupling = Coupling(dofs, terms, self.sides, places, loads, d, grids.fitted)
+        loads, of = [f.matrix for f in followers], (terms, self.sides, places, self.made)
+        coupling = Coupling(dofs, *of, loads, d, grids.fitted)
         pairs = [Part(C, n, n) for C, n in zip(coupling.stiffness, self.numbers, strict=True)]
         moved = np.where(dofs.fixed, -r, 0.0)
         pushed, left = coupling.prescribed(moved)

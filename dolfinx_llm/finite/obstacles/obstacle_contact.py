@@ -67,6 +67,10 @@ class OneSide:
         """Positions (n, gdim) of the nodes, and those of no frame."""
         return z.reshape(-1, self.gdim), np.zeros((0, self.gdim))
 
+    def moves(self, free: Array) -> Array:
+        """(n, gdim) components in which nodes are free."""
+        return self.split(free)[0]
+
     @cached_property
     def control(self) -> csr_matrix:
         """C (n, n): see ``sides``."""
@@ -123,7 +127,6 @@ class ObstacleContact(Slides):
 
     @property
     def owner(self) -> Array:
-        """(size,) ranks that own the unknowns."""
         return self.sides.surfaces[0].owner
 
     @property

@@ -157,7 +157,7 @@ class Friction(Slides):
         supported = self.supported(place, closed, way, free)
         stick = status[closed] == STICK
         axes = np.broadcast_to(np.eye(gdim), (len(closed), gdim, gdim))
-        yielding = yields(axes, self.sides.split(free)[0][closed], held)
+        yielding = yields(axes, self.sides.moves(free)[closed], held)
         supports = supported, yielding + shares(closed, gdim, held)
         law = friction_rows(normal, tau, about, bound, held.scale, stick, *supports, held.exact)
         law = law.moved(here[0] - tau, sigma - about, here[1] - bound)

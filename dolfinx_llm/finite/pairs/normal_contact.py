@@ -264,7 +264,7 @@ class NormalContact(SlidesOnFrame):
         closed = active[on] & ~held_fast(A, free)
         by_closed = summing(on, n) @ diagonal(closed)
         idle, rest = np.full(n, 1.0 / held.scale), force / held.scale
-        own = yields(normal[closed][:, None], self.sides.split(free)[0][on[closed]], held)
+        own = yields(normal[closed][:, None], self.sides.moves(free)[on[closed]], held)
         idle[on[closed]], rest[on[closed]] = own.ravel(), place.gap[on[closed]]
         G = csr_matrix(rows.G)
         none = csr_matrix((width, c))

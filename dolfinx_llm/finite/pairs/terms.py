@@ -87,6 +87,14 @@ class ContactTerms:
     kept: Any = None  # () -> what an own law keeps if this is the end of the increment
     miss: float = 0.0  # largest distance of forces from the law where pairs slip [force]
 
+    def by_whole(self, made: csr_matrix | None) -> ContactTerms:
+        """The same by the coordinates (k,) of whole facets, of which ``made`` (width, k) makes all;
+        None: they are these."""
+        if made is None:
+            return self
+        K, top, left = made.T @ self.K @ made, made.T @ self.top, self.left @ made
+        return replace(self, force=made.T @ self.force, K=K.tocsr(), top=top.tocsr(), left=left)
+
 
 class MovingContact:
     """An interface with a law, at finite deformation.
