@@ -6,6 +6,7 @@ import numpy as np
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.finite.frame.divided_sides import DividedSides
 from dolfinx_llm.finite.frame.location import INSIDE
 from dolfinx_llm.finite.frame.self_sides import SelfSides
 from dolfinx_llm.finite.frame.sides import Sides
@@ -63,12 +64,14 @@ def deep(contact: MovingContact, t: ContactTerms) -> list[str]:
     if depth[worst] <= EDGE_IN * size:
         return []
     frame, moving, count = sides.carrier, sides.mover, (depth > EDGE_IN * size).sum()
+    remedy = f"Use smaller facets on {frame.name}"
+    if not isinstance(sides, DividedSides):
+        remedy += f" than on {moving.name}, so that its nodes are those that touch"
     return [
         f"{moving.name} on {frame.name}: {count} node(s) of {frame.name} are "
         f"in the body of {moving.name}, between its nodes, by up to {depth[worst]:.3g}, there at "
-        f"{checks.place(y[worst] + frame.origin)}, where facets have the size {size:.3g}. Use "
-        f"smaller facets on {frame.name} than on {moving.name}, so that its nodes are those that "
-        "touch, or finer meshes of both"
+        f"{checks.place(y[worst] + frame.origin)}, where facets have the size {size:.3g}. "
+        f"{remedy}, or finer meshes of both"
     ]
 
 

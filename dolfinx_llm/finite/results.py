@@ -73,9 +73,9 @@ class MovingSideResult:
 class MovingInterfaceResult(InterfaceForces):
     """Result of one interface, in the current configuration.
 
-    The frame's nodes are those of the coarser surface; ``frame.v`` is their displacement since the
-    drawing. Forces there are those of side 0. Against a rigid obstacle the side's nodes take the
-    frame's place.
+    The frame's nodes are those of the coarser surface, or if that alone has sharp edges of the
+    other one; ``frame.v`` is their displacement since the drawing. Forces are those of side 0.
+    Against a rigid obstacle the side's nodes take the frame's place.
     """
 
     frame: Frame | None  # its nodes now; its normal points out of side 0; None: rigid obstacle

@@ -34,10 +34,11 @@ from dolfinx_llm.problem.saving import SavedNonlinear
 class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
     """Bodies F(u; v) = 0 that touch along interfaces, at finite deformation and large sliding.
 
-    The frame's nodes are those of the coarser surface of each interface, or of one that supports
-    move as a whole, as a rigid tool, if it is the finer one; the other one's nodes are found anew
-    on it in each of Newton's iterations, along its averaged normals there, and their rows are
-    designed with the areas that both surfaces cover now. The derivative is complete.
+    The frame's nodes are those of the coarser surface of each interface, of the other one if the
+    coarser one alone has sharp edges, or of one that supports move as a whole, as a rigid tool, if
+    it is the finer one; the other one's nodes are found anew on it in each of Newton's iterations,
+    along its averaged normals there, and their rows are designed with the areas that both surfaces
+    cover now. The derivative is complete.
 
     Args:
         F: residual UFL form of the bodies in the Function ``u`` and a test function, e.g.

@@ -99,6 +99,25 @@ def test_edge_of_any_mesh(cells, swapped, caplog):
     assert not caplog.messages
 
 
+def test_all_that_knows_of_divided_facets(tmp_path):
+    """Forms of the system agree, a state goes on after it was saved, coefficients of friction are
+    given at the nodes that the side has, and other orders of the bodies press alike."""
+    law, pressed = llm.Coulomb(0.3), []
+    for options in ({}, {"solver": "condensed"}, {"law": llm.Coulomb(np.full(5, 0.3))}):
+        scene = Ridge((4, 16), **{"law": law} | options)
+        pressed.append(scene.press(0.05)[0].force)
+        np.testing.assert_allclose(pressed[-1], pressed[0], atol=1e-9)
+    scene.problem.save(tmp_path / "state.npz")
+    again = Ridge((4, 16), law=law)
+    again.problem.load(tmp_path / "state.npz")
+    forces = [s.press(0.08)[0].force for s in (scene, again)]
+    np.testing.assert_allclose(forces[1], forces[0], atol=1e-12)
+    with pytest.raises(llm.ContactInputError, match="each of 5 nodes"):
+        Ridge((4, 16), law=llm.Coulomb(np.full(6, 0.3)))
+    second = [Ridge(c, degree=2).press(0.05)[0].force.sum(axis=0)[1] for c in ((4, 16), (32, 16))]
+    assert second[0] == pytest.approx(second[1], rel=0.05)
+
+
 @pytest.mark.parametrize(("cells", "rounded"), [((4, 16), False), ((4, 48), True)])
 @pytest.mark.parametrize("swapped", [False, longer(True)])
 def test_edges_of_both(cells, rounded, swapped, caplog):

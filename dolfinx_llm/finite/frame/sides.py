@@ -1,9 +1,9 @@
 """Two surfaces of which one carries the moving frame: where, how far and along what they touch.
 
-The frame's nodes are those of the coarser surface, y_J = x_J: its rows are the identity, so that v
-and that side's multipliers are known, lambda_J = -sum_p N_pJ lambda_p, and equilibrium of the
-frame, sum_p N_pJ lambda_p = 0 over both sides, holds by construction. The other surface is the
-moving side.
+The frame's nodes are those of the coarser surface (but see ``divided_sides``), y_J = x_J: its rows
+are the identity, so that v and that side's multipliers are known, lambda_J = -sum_p N_pJ lambda_p,
+and equilibrium of the frame, sum_p N_pJ lambda_p = 0 over both sides, holds by construction. The
+other surface is the moving side.
 
 Pairs of second-order surfaces are those of its control values, see ``operators.control``: gap' =
 C gap of the nodes' gaps, C = E^-1, is at least 0, and so are forces lambda' = E^T lambda, where
