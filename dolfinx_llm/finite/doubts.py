@@ -11,7 +11,7 @@ from dolfinx_llm.finite.frame.location import INSIDE
 from dolfinx_llm.finite.frame.self_sides import SelfSides
 from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.finite.frame_side import on_mover
-from dolfinx_llm.finite.pairs.normal_contact import NormalPlace
+from dolfinx_llm.finite.pairs.normal_contact import OVER, NormalPlace
 from dolfinx_llm.finite.pairs.terms import ContactTerms, MovingContact, Place
 from dolfinx_llm.geometry.drawn import SHARP, angles_between
 from dolfinx_llm.geometry.facing import TURN
@@ -20,6 +20,8 @@ from dolfinx_llm.laws.rows import OPEN
 LEAPS = 10.0  # times as far as supports and obstacles have gone
 EDGE_IN = 0.1  # of a facet: deeper do not lie nodes of a frame behind facets that turn
 A_FACET = 1.0  # deeper lies what does not touch there
+EDGE_AWAY = 0.01  # of a facet: an edge so far off is not what presses beyond it
+BEYOND_SHARE = 0.01  # of the force on pairs, up to which such nodes do not matter
 
 
 def leapt(far: float, driven: float) -> list[str]:
@@ -72,6 +74,35 @@ def deep(contact: MovingContact, t: ContactTerms) -> list[str]:
         f"in the body of {moving.name}, between its nodes, by up to {depth[worst]:.3g}, there at "
         f"{checks.place(y[worst] + frame.origin)}, where facets have the size {size:.3g}. "
         f"{remedy}, or finer meshes of both"
+    ]
+
+
+def beside_edge(contact: MovingContact, t: ContactTerms) -> list[str]:
+    """Of pairs that press beyond an edge of the frame, on what its facets go on to there, while the
+    edge itself is away from the other side."""
+    sides, place = contact.sides, _on_frame(contact, t)
+    if place is None or contact.overlaps:
+        return []
+    out = (t.status != OPEN) & place.at.met & (place.at.beyond > OVER)
+    force = np.linalg.norm(sides.split(t.force)[0], axis=1)
+    cells = sides.mover.cells[out[sides.mover.cells].any(axis=1)]
+    if not len(cells) or force[out].sum() <= BEYOND_SHARE * force.sum():
+        return []
+    at, size = on_mover(sides, place.z, cells), sides.mover.facet_size
+    edge = np.zeros(len(at.gap), dtype=bool)
+    edge[sides.carrier.cells[place.at.facet[out]]] = True
+    away = np.where(edge & at.met & (at.beyond < INSIDE), at.gap, 0.0)
+    worst = int(away.argmax())
+    if away[worst] <= EDGE_AWAY * size:
+        return []
+    frame, moving = sides.carrier, sides.mover
+    return [
+        f"{moving.name} on {frame.name}: {out.sum()} node(s) of {moving.name} press beyond an edge "
+        f"of {frame.name}, with {force[out].sum() / force.sum():.0%} of the force, on what its "
+        f"facets go on to there; the edge is away by up to {away[worst]:.3g} at "
+        f"{checks.place(sides.split(place.z)[1][worst] + frame.origin)}, where facets have the "
+        f"size {size:.3g}: bodies are pressed as by so much. Use smaller facets on {frame.name} "
+        f"than on {moving.name}, so that its nodes are those that touch, or finer meshes of both"
     ]
 
 

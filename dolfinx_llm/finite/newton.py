@@ -229,7 +229,8 @@ class NewtonSteps:
         of = zip(self.equations.interfaces, self._left, self.terms, strict=True)
         for placed, left, t in of:
             told += doubts.left_over(placed.what.sides, left, t.place)
-            told += doubts.deep(placed.what, t) + doubts.rounded_off(placed.what, t)
+            for doubt in (doubts.deep, doubts.beside_edge, doubts.rounded_off):
+                told += doubt(placed.what, t)
         self._told = told
         warn(self.equations.bodies.dofs.comm, told, before)
 
