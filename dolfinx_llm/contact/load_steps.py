@@ -19,6 +19,7 @@ from dolfinx_llm.forms.step import StepResult
 from dolfinx_llm.forms.verdict import (
     EPS,
     SEVERAL,
+    UNBALANCED,
     FinalError,
     Verdict,
     beyond,
@@ -147,13 +148,18 @@ def _judged(iteration: ContactIteration, found: StepResult, f: Array, g: Array) 
     # Of rows in contact: where it is open gaps of any size carry no force.
     y, follows, g = (found.active * a for a in (found.y, follows, g))
     apart, *motions = (operators.scale * size(a) for a in (y - follows + g, y, follows, g))
-    left = max(left, beyond(apart, max(motions)), equations.imbalance(multiplier, found.w))
+    left = max(left, beyond(apart, max(motions)))
+    unheld = equations.imbalance(multiplier, found.w)
     verdict = Verdict(0.0, 0.0)  # where free dofs carry no force
     # Gaps that may close are differences of positions, whose rounding is no force.
     bodies = operators.bodies
     positions = 0.0 if operators.tied else max(size(bodies.low), size(bodies.high))
-    if beyond(max(left, iteration.forces), stiffness * max(moved, size(g), positions)):
-        verdict = judge(left, terms, iteration.forces, form.describe(), form.tolerance)
+    far = stiffness * max(moved, size(g), positions)
+    if beyond(max(left, unheld, iteration.forces), far):
+        # Where next to nothing presses frames are left with it.
+        rounds = max(terms, far) if left <= UNBALANCED * iteration.forces < unheld else terms
+        left = max(left, unheld)
+        verdict = judge(left, rounds, iteration.forces, form.describe(), form.tolerance)
     check_lost(verdict)
     most = size(multiplier)
     # What has slipped before by rounding sticks there.
