@@ -23,7 +23,7 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.laws.law import Law
-from dolfinx_llm.laws.rows import OPEN, SLIP, STICK, LawNodes, LawRows, value_now
+from dolfinx_llm.laws.rows import OPEN, SLIP, STICK, UNBOUNDED, LawNodes, LawRows, value_now
 
 AT_LEAST_0 = "give a finite number of at least 0"
 METHODS = ("newton", "switch")
@@ -157,7 +157,7 @@ class Coulomb(Law):
         if self.method == "switch":
             rows = switch_rows(T, s, delta, nodes.c, nodes.status)
         else:
-            rows = newton_rows(T, s, delta, nodes.c, nodes.status)
+            rows = newton_rows(T, s, delta, nodes.c, nodes.status, nodes.trust)
         # N of the next iterate stands in the rows, cohesion does not depend on it.
         cohesion = nodes.sums(self._cohesive(nodes))
         rhs = rows.rhs - rows.C_N * cohesion[:, None]
@@ -198,7 +198,14 @@ def projection_miss(T: Array, s: Array, delta: Array, c: Array) -> Array:
     return _length(T - z * (np.minimum(s, size) / np.maximum(size, 1e-300))[:, None])
 
 
-def newton_rows(T: Array, s: Array, delta: Array, c: Array, before: Array | int = STICK) -> LawRows:
+def newton_rows(
+    T: Array,
+    s: Array,
+    delta: Array,
+    c: Array,
+    before: Array | int = STICK,
+    trust: float = UNBOUNDED,
+) -> LawRows:
     """Semismooth Newton on T = projection of z = T + c δ, in the stabilised form of Hüeber, Stadler
     and Wohlmuth, SIAM J. Sci. Comput. 30 (2008) 572-596.
 
@@ -209,24 +216,30 @@ def newton_rows(T: Array, s: Array, delta: Array, c: Array, before: Array | int 
         c: (n,) positive [force / length]; the solution does not depend on it.
         before: (n,) status in the last iterate, or one for all: what has slipped is at the limit
             when the next load step begins, where rounding must not decide.
+        trust: times s, that c δ is at most, by a smaller c. Bodies that contact alone holds slip
+            by far more than s / c in an iterate, and there and back in the next: with little
+            trust a slip that turns round sticks first.
 
     >>> T, s, delta = np.array([[1.0], [4.0], [1.0]]), np.array([3.0, 3.0, 0.0]), np.zeros((3, 1))
     >>> newton_rows(T, s, delta, np.ones(3)).status.tolist() == [STICK, SLIP, OPEN]
     True
     """
     n, d = T.shape
-    z, s, closed = T + c[:, None] * delta, np.maximum(s, 0.0), s > 0.0
+    s, closed, firm = np.maximum(s, 0.0), s > 0.0, c
+    most = trust * s
+    c = c * most / np.maximum(np.maximum(most, c * _length(delta)), 1e-300)
+    z = T + c[:, None] * delta
     size = _length(z)
     limit = s * np.where(before == SLIP, 1.0 - AT_LIMIT, 1.0 + AT_LIMIT)
     status = np.where(~closed, OPEN, np.where(size < limit, STICK, SLIP))
     direction, M = z / np.maximum(size, 1e-300)[:, None], stable_slip(T, z, s)
     slip = (status == SLIP)[:, None, None]
     stick = (status == STICK)[:, None, None]
-    unit, c = np.broadcast_to(np.eye(d), (n, d, d)), c[:, None, None]
+    unit, c, firm = np.broadcast_to(np.eye(d), (n, d, d)), c[:, None, None], firm[:, None, None]
     return LawRows(
         status,
         C_T=np.where(stick, 0.0, np.where(slip, unit - M, unit)),
-        C_jump=np.where(stick, c * unit, np.where(slip, -c * M, 0.0)),
+        C_jump=np.where(stick, firm * unit, np.where(slip, -c * M, 0.0)),
         C_N=np.where(slip[:, 0], -direction, 0.0),
         rhs=np.where(slip[:, 0], -np.einsum("nij,nj->ni", M, z), 0.0),
     )

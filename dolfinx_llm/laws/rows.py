@@ -21,6 +21,7 @@ from dolfinx_llm.base.errors import ContactInputError
 
 OPEN, STICK, SLIP = 0, 1, 2
 CLOSED = 3  # in contact, without friction
+UNBOUNDED = 1e30  # trust in slips of an iterate, however far they go
 LARGE = 1e3  # times the bodies' stiffness: rows with larger coefficients of jumps are divided
 
 
@@ -81,6 +82,7 @@ class LawNodes:
     shared: csr_matrix | None = None  # (k, k) sums over the nodes for which each speaks; None: one
     sample: Callable[[Any], Array] | None = None  # (k,) of what users give
     given: dict[str, Array] = field(default_factory=dict)  # (k, ...) what ``begin_step`` has read
+    trust: float = UNBOUNDED  # in slips of the last iterate, see ``newton_rows``
 
     @property
     def slip(self) -> Array:

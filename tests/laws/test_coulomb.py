@@ -76,6 +76,15 @@ def test_newton_drags_a_spring(pull):
     assert np.allclose(delta, (pull - known) / k, rtol=0.0, atol=1e-12)
 
 
+def test_with_little_trust_what_turns_round_sticks_first():
+    """A slip against the force, 10 times what would turn that round; along it nothing changes."""
+    T, s, delta = np.array([[1.0], [1.0]]), np.ones(2), np.array([[-10.0], [10.0]])
+    trusted, wary = (newton_rows(T, s, delta, np.ones(2), SLIP, trust) for trust in (1e3, 1.5))
+    assert trusted.status.tolist() == [SLIP, SLIP]
+    assert wary.status.tolist() == [STICK, SLIP]
+    assert np.allclose(wary.C_jump[0], 1.0)  # sticks as firmly as ever
+
+
 def test_switch():
     """Stick to slip by the force (16), slip to stick where the slip turns against it (17)."""
     T = np.array([[4.0], [6.0], [5.0], [5.0], [1.0]])

@@ -33,7 +33,7 @@ from dolfinx_llm.contact.equations.prescribed_slip import rows_of, told
 from dolfinx_llm.contact.equations.proximal import FrameRows
 from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.forms.step import LEAST_FELT, SIGN, SOFT, LinearStep
-from dolfinx_llm.laws.rows import STICK, LawRows
+from dolfinx_llm.laws.rows import STICK, UNBOUNDED, LawRows
 from dolfinx_llm.operators.system import ContactOperators
 
 ROUNDED_OFF = 4.0 * float(np.finfo(float).eps) / SOFT
@@ -53,6 +53,7 @@ class Equations:
         L_t: (n_v, n) what forces of the rows are to the frames.
         compliance: (n,) by how much rows give way, as springs do [length / force].
         lags: normal forces that bound friction are those of the last iterate.
+        trust: in slips of the last iterate, see ``newton_rows``.
         soft: (n,) rows that give way to changes alone, by ``SOFT``: supports, or other rows of the
             same nodes, leave forces open.
         felt: part of the largest force that is more than rounding: where rows of joints give way it
@@ -70,7 +71,7 @@ class Equations:
     """
 
     def __init__(self, operators: ContactOperators) -> None:
-        self.scale, self.lags = operators.scale, False
+        self.scale, self.lags, self.trust = operators.scale, False, UNBOUNDED
         self.states = [InterfaceState(nodes) for nodes in friction_nodes(operators)]
         places = [state.nodes for state in self.states]
         self.n = sum(nodes.rows.size for nodes in places)
@@ -190,7 +191,7 @@ class Equations:
             calmed: the state of contact has come to rest once in this load step; from then on what
                 no force reaches sticks.
         """
-        rows = rows_of(s, multiplier, self.start, w, self.scale)
+        rows = rows_of(s, multiplier, self.start, w, self.scale, self.trust)
         if self.lags and s.law.shares:
             rows = rows.lagged(s.at(multiplier, w, self.scale))
         light = np.abs(multiplier[s.nodes.rows]).max(initial=0.0) <= self.idle

@@ -40,11 +40,14 @@ def told(
     return replace(at, force=force, jump=jump), rests
 
 
-def rows_of(s: InterfaceState, multiplier: Array, start: Array, w: Array, c: float) -> LawRows:
-    """Rows of an interface's law about λ and w, arguments as of ``told``."""
+def rows_of(
+    s: InterfaceState, multiplier: Array, start: Array, w: Array, c: float, trust: float
+) -> LawRows:
+    """Rows of an interface's law about λ and w, arguments as of ``told``; trust as of
+    ``newton_rows``."""
     at, rests = told(s, multiplier, start, w, c)
     firm = np.where(s.law.slips & s.nodes.led & ~rests, FIRM, 1.0)
-    rows = s.rows_at(replace(at, c=at.c * firm)).scaled(at.c)
+    rows = s.rows_at(replace(at, c=at.c * firm, trust=trust)).scaled(at.c)
     if not s.law.slips or s.law.gives or not (s.nodes.led.any() or rests.any()):
         return rows
     # Nothing in contact reaches them: no force would tell their slip.

@@ -47,6 +47,7 @@ MAXIMUM = 100  # iterations, and as many again once ties have been chosen
 MEETING_ENDS = 10  # iterations in which all sticks while it is found which pairs touch, at most
 FALLING = 4  # of them in which the motion of what nothing holds is looked for
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
+WARY, TRUSTING = 1.5, 2.0  # trust in slips of the first iterate, by what it grows with each
 FASTEST = 20  # doublings of how fast a frame node goes to where it touches
 
 
@@ -149,10 +150,10 @@ class Search:
 
     def _iterate(self) -> Iterate:
         """Solve a linear step, and take over what is in contact, sticks and slips then."""
-        equations, glides = self._equations, self._without_friction.now
-        hold = self._hold
+        equations, glides, hold = self._equations, self._without_friction.now, self._hold
         self._held_alike, equations.frames.epsilon = hold == equations.frames.epsilon, hold
         equations.lags = self._circles.lag(self._calm <= CALM)
+        equations.trust = WARY * TRUSTING ** (self._number - 2)
         settled = self._calm > 0 and self._before <= CONSTANT
         equations.about = self._giving.about(settled, self._number)
         step = self._linear_step()
