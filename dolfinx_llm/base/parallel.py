@@ -1,9 +1,10 @@
 """Gathering of interface-sized data and errors that all ranks raise together."""
 
+import io
 import pickle
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from mpi4py import MPI
@@ -26,11 +27,16 @@ def told(comm: MPI.Comm, value: Found) -> Found:
     return comm.bcast(value) if comm.size > 1 else value
 
 
-def chosen(comm: MPI.Comm, choose: Callable[[], Found]) -> Found:
+def chosen(comm: MPI.Comm, choose: Callable[[], Found], given: Any = None) -> Found:
     """What ``choose``, local work on data that all ranks have, returns on rank 0, for all of them.
 
     For whatever rounding decides: pivots, bases of null spaces, who comes first of equals. LAPACK
     rounds otherwise from processor to processor, and on one with where arrays lie in memory.
+
+    Args:
+        comm, choose: as told.
+        given: what a user gave on all ranks and stays each one's own in what is found: functions
+            written in place, as lambdas, cannot be sent.
     """
     if comm.size == 1:
         return choose()
@@ -38,7 +44,32 @@ def chosen(comm: MPI.Comm, choose: Callable[[], Found]) -> Found:
     with collective(comm):
         if comm.rank == 0:
             found = choose()
-    return told(comm, found)
+    sent = io.BytesIO()
+    if comm.rank == 0:
+        _Sender(sent, given).dump(found)
+    return cast(Found, _Receiver(io.BytesIO(told(comm, sent.getvalue())), given).load())
+
+
+class _Sender(pickle.Pickler):
+    """Leaves out what all ranks have been given."""
+
+    def __init__(self, to: io.BytesIO, given: Any):
+        super().__init__(to, pickle.HIGHEST_PROTOCOL)
+        self.given = given
+
+    def persistent_id(self, item: Any) -> str | None:
+        return "given" if item is self.given and callable(item) else None
+
+
+class _Receiver(pickle.Unpickler):
+    """Puts in what this rank has been given."""
+
+    def __init__(self, of: io.BytesIO, given: Any):
+        super().__init__(of)
+        self.given = given
+
+    def persistent_load(self, name: str) -> Any:
+        return self.given
 
 
 @contextmanager

@@ -87,7 +87,8 @@ def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
     say_straight(interface, whole, notes)
     if interface.obstacle is not None:
         return build_against(site, notes, clock)
-    found = chosen(site.comm, partial(_find_parts, site, notes, clock))
+    find = partial(_find_parts, site, notes, clock)
+    found = chosen(site.comm, find, given=interface.thickness)
     parts, rims, of_pieces, notes, clock = found
     curved = any(part.piece.plane is None for part in parts)
     site = with_law(replace(site, **of_pieces), curved)

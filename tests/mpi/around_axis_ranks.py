@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 from around_axis import Cylinders
 from mpi4py import MPI
 
@@ -9,11 +10,11 @@ import dolfinx_llm as llm
 
 comm, found = MPI.COMM_WORLD, {}
 scene = Cylinders(comm, (5, 4), 0.6)
-problem, stretch = scene.linear(llm.Coulomb(0.3))
+problem, stretch = scene.linear(llm.Coulomb(0.3), thickness=lambda x: 2.0 * np.pi * x[:, 0])
 found["linear"] = scene.off(problem.solve(), stretch) / 2e-3
 problem.destroy()
 scene = Cylinders(comm, (5, 4), 0.6, degree=2, cell="triangle")
-problem, stretch = scene.finite(llm.Frictionless())
+problem, stretch = scene.finite(llm.Frictionless(), thickness=lambda x: 2.0 * np.pi * x[:, 0])
 for load in scene.load:
     load.value = 150.0
 problem.solve()
