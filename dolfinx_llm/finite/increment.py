@@ -12,6 +12,7 @@ from petsc4py import PETSc
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective, told
 from dolfinx_llm.finite.failures import check_solution, failing, inside_out
+from dolfinx_llm.finite.falling import falling
 from dolfinx_llm.finite.linear.parts import Part
 from dolfinx_llm.finite.load_step import (
     Equations,
@@ -23,7 +24,6 @@ from dolfinx_llm.finite.load_step import (
     stays,
     with_shared,
 )
-from dolfinx_llm.finite.pairs.terms import MovingContact
 from dolfinx_llm.finite.settling import (
     EXCHANGES,
     Exchanges,
@@ -89,6 +89,7 @@ class Increment:
         self.doubled = Doubled(self.dofs.comm, steps.interfaces, NO_GAP * steps.size)
         self.changes, self.doubt, self.stuck, self.error = 0, 0.0, False, np.inf
         self.drawn, self.turned, self.undrawn = [False] * len(self.held), False, False
+        self.touched = [s is not None and bool(s.any()) for s in good.status]
         self._body = self._residual(self.u)
         self.evaluate()
         self._turn()
@@ -145,34 +146,39 @@ class Increment:
 
     def _contact(self) -> None:
         """Terms of the interfaces, with the status that their pairs have now."""
-        places, starts = list[Any](), list[Array]()
-        size, comm, in_time = self.steps.size, self.dofs.comm, self.steps.bodies.in_time
+        places, starts, status, found, asks = (list[Any]() for _ in range(5))
+        every, size, comm = self.steps.interfaces, self.steps.size, self.dofs.comm
         reaches = max(NO_GAP * size, self.doubt / self.steps.scale), NO_GAP * size  # closed, open
-        for i, placed in enumerate(self.steps.interfaces):
-            contact: MovingContact = placed.what
-            before, q, near = self.status[i], self.own[i], self.error < self.trusted
+        for i, (placed, before, q) in enumerate(zip(every, self.status, self.own, strict=True)):
+            near, z = self.error < self.trusted, placed.at(self.dofs, self.u)
             held = replace(self.held[i], lagged=self.lagged, near=near)
-            z = placed.at(self.dofs, self.u)
             with collective(comm):
-                place = contact.place(z, q, held)
+                place = placed.what.place(z, q, held)
                 start = np.full(len(place.gap), OPEN) if before is None else before
-                now, found = contact.touching(place, q, start, held, np.where(start, *reaches))
-                apart = not (now.any() or in_time or self.drawn[i]) and place.pairs.any()
-                self.undrawn |= apart and before is None and not self.draws
-                if apart and ((before is None and self.draws) or (self.stuck and not start.any())):
-                    # The nearest touch; once, as they may pull: what springs hold has not fallen.
-                    self.drawn[i] = before is not None
-                    reach = np.full(len(start), place.gap.min() + NEARLY * size)
-                    now, found = contact.touching(place, q, start, held, reach)
-                self.status[i] = contact.staying(self.stays[i] & place.pairs, now)
+                now, held = placed.what.touching(place, q, start, held, np.where(start, *reaches))
             places, starts = [*places, place], [*starts, start]
-            self.held[i] = replace(found, pairs=place.pairs)
+            status, found = [*status, now], [*found, held]
+            apart = not (now.any() or self.steps.bodies.in_time or self.drawn[i])
+            lost = before is None or (self.stuck and not start.any())
+            asks.append(bool(apart and lost and place.pairs.any()))
+        for i in falling(self.dofs, every, status, told(comm, asks), self.touched):
+            known = self.status[i] is not None
+            self.undrawn |= not (known or self.draws)
+            if known or self.draws:
+                self.drawn[i] = known  # once: springs may hold it, and pairs pull
+                reach = np.full(len(starts[i]), places[i].gap.min() + NEARLY * size)
+                of = places[i], self.own[i], starts[i], found[i], reach
+                with collective(comm):
+                    status[i], found[i] = every[i].what.touching(*of)
+        for i, placed in enumerate(every):
+            self.status[i] = placed.what.staying(self.stays[i] & places[i].pairs, status[i])
+            self.held[i] = replace(found[i], pairs=places[i].pairs)
         self.status = self.doubled.once(self.status, starts, places)
         self.changes = opened_or_closed(self.status, starts)
         self.held = with_shared(self.steps.interfaces, self.held, self.status)
-        every = zip(self.steps.interfaces, places, self.own, self.status, self.held, strict=True)
+        of_each = zip(every, places, self.own, self.status, self.held, strict=True)
         with collective(comm):
-            self.terms = [placed.what.terms(*of, placed.free) for placed, *of in every]
+            self.terms = [placed.what.terms(*of, placed.free) for placed, *of in of_each]
 
     def iterate(self, K: PETSc.Mat | None) -> None:
         """Solve for changes, and apply them as far as elements do not turn inside out.
@@ -189,7 +195,7 @@ class Increment:
             exchanges = Exchanges()
             tells = self.lagged or (self.changes and (self.known or self.error < TELLING))
             for _ in range(EXCHANGES if tells else 0):
-                if not self._foresee(du, changes, exchanges):
+                if not _foresee(self, du, changes, exchanges):
                     break
                 self._balance()
                 du, changes = self._solve(K)
@@ -219,26 +225,6 @@ class Increment:
         self.far = check_solution(steps, du, dq)  # how far the iteration moves nodes [length]
         return du, np.split(dq, np.cumsum([len(q) for q in self.own])[:-1]) if self.own else []
 
-    def _foresee(self, du: Array, changes: list[Array], exchanges: Exchanges) -> bool:
-        """Whether the linear model has other pairs in contact than were put in; these are then. A
-        body that comes down on a few nodes alone would bear all of its load on them."""
-        every, now = self.steps.interfaces, list(self.status)
-        dz = [placed.values(self.dofs, du) for placed in every]
-        places = [t.place for t in self.terms]
-        for i, (t, q, held) in enumerate(zip(self.terms, self.own, self.held, strict=True)):
-            if every[i].what.settles:
-                of = every[i].what, t.place, q, (dz[i], changes[i]), held
-                there, places[i] = foreseen(*of, NO_GAP * self.steps.size)
-                now[i] = every[i].what.staying(self.stays[i] & t.place.pairs, there)
-        now = self.doubled.once(now, self.status, places)
-        found = exchanges.take(now, self.status, self.held)
-        for i, status in found.items():
-            q, held = self.own[i], replace(self.held[i], about=(dz[i], self.own[i] + changes[i]))
-            of_pairs = self.terms[i].place, q, status, held, every[i].free
-            with collective(self.dofs.comm):
-                self.status[i], self.terms[i] = status, every[i].what.terms(*of_pairs)
-        return bool(found)
-
     def converged(self) -> bool:
         """Whether this is an equilibrium; its pairs are those that can touch."""
         arrived = np.abs(self.u - self.target)[self.fixed].max(initial=0.0)
@@ -254,4 +240,26 @@ class Increment:
             found = missed_at(self.steps, self.u, places, self.status, self.held, self.faces)
         if found:
             self.evaluate()
+            self.stuck = False  # it has been in balance
         return found
+
+
+def _foresee(run: Increment, du: Array, changes: list[Array], exchanges: Exchanges) -> bool:
+    """Whether the linear model has other pairs in contact than were put in; these are then. A
+    body that comes down on a few nodes alone would bear all of its load on them."""
+    every, now = run.steps.interfaces, list(run.status)
+    dz = [placed.values(run.dofs, du) for placed in every]
+    places = [t.place for t in run.terms]
+    for i, (t, q, held) in enumerate(zip(run.terms, run.own, run.held, strict=True)):
+        if every[i].what.settles:
+            of = every[i].what, t, q, (dz[i], changes[i]), held
+            there, places[i] = foreseen(*of, NO_GAP * run.steps.size)
+            now[i] = every[i].what.staying(run.stays[i] & t.place.pairs, there)
+    now = run.doubled.once(now, run.status, places)
+    found = exchanges.take(now, run.status, run.held)
+    for i, status in found.items():
+        q, held = run.own[i], replace(run.held[i], about=(dz[i], run.own[i] + changes[i]))
+        of_pairs = run.terms[i].place, q, status, held, every[i].free
+        with collective(run.dofs.comm):
+            run.status[i], run.terms[i] = status, every[i].what.terms(*of_pairs)
+    return bool(found)

@@ -67,6 +67,12 @@ class Placed:
         """(k,) of forces (width,) on the coordinates."""
         return force if self.made is None else np.asarray(self.made.T @ force)
 
+    def stiffness(self, K: PETSc.Mat) -> float:
+        """Mean stiffness of the softer surface, by the bodies' tangent K [force / length];
+        collective."""
+        sides = self.what.sides.split(self.known)
+        return min(mean_diagonal(K, numbers.ravel()) for numbers in sides if numbers.size)
+
     @cached_property
     def known(self) -> Array:
         """(width,) dofs by which the coordinates are known, negative where they have none."""
@@ -155,6 +161,8 @@ class Equations:
     size: float  # of the facets in contact [length]
     times: StageTimes  # to which seconds are added
     scale: float = 0.0  # stiffness of the bodies [force / length], see ``measure``
+    scales: Sequence[float] = ()  # the same of each interface's softer surface, by which its pairs
+    # come and go: inertia, or a far stiffer body, would tell gaps of rounding from contact
 
     def measure(self, u: Array) -> PETSc.Mat:
         """Find the bodies' stiffness at this rank's u: moduli may have changed, or a step in time
@@ -171,6 +179,7 @@ class Equations:
             K.destroy()
             raise
         self.scale = told(dofs.comm, mean_diagonal(K, dofs.first + dofs.of_nodes))
+        self.scales = told(dofs.comm, [placed.stiffness(K) for placed in self.interfaces])
         return K
 
 
@@ -189,8 +198,10 @@ def chosen_at(
         covering = partial(load.what.hold, load.at(dofs, good.u), closed)
         faces.append(chosen(dofs.comm, covering))
     held = [
-        replace(own, pose=pose, pose_before=before, kept=kept, scale=steps.scale)
-        for own, pose, before, kept in zip(found, poses, good.poses, good.kept)
+        replace(own, pose=pose, pose_before=before, kept=kept, scale=scale)
+        for own, pose, before, kept, scale in zip(
+            found, poses, good.poses, good.kept, steps.scales, strict=True
+        )
     ]
     return held, faces
 

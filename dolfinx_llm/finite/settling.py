@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.finite.pairs.terms import Held, Origin, Place, moved
-from dolfinx_llm.laws.rows import OPEN, STICK
+from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, Origin, Place, moved
+from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
 EXCHANGES = 60  # solves of a linear model, at most
 WAITS = 3  # solves that may leave no fewer wrong pairs, before single exchanges
@@ -61,31 +61,34 @@ class Exchanges:
 
 
 def foreseen(
-    contact: Any, place: Place, q: Array, changes: tuple[Array, Array], held: Held, reach: float
+    contact: Any, t: ContactTerms, q: Array, changes: tuple[Array, Array], held: Held, reach: float
 ) -> tuple[Array, Place]:
     """(n,) status of the pairs in the linear model, and how they stand there.
 
     Args:
         contact: an interface whose pairs settle by themselves.
-        place: as it is.
+        t: its terms as they are.
         q: own unknowns.
         changes: (width,) of the coordinates, and of own unknowns.
         held: from the start of the step.
         reach: gap that is none [length].
     """
-    dz, dq = changes
-    every = np.where(place.pairs, contact.pressed[0], OPEN)
+    (dz, dq), place = changes, t.place
     then = replace(moved(place, contact.nearing(place, dz, dq)), z=place.z + dz)
-    return contact.touching(then, q + dq, every, held, reach)[0], then
+    before = np.where(place.pairs & (t.status == OPEN), contact.pressed[-1], t.status)
+    return contact.touching(then, q + dq, before, held, reach)[0], then
 
 
 def differ(now: Array, before: Array, origin: Origin | None) -> bool:
-    """Whether pairs of status (n,) in the linear model are to be solved for again: others touch, or
-    all slip. Where some of the same stick it says little of which, and iterates tell where nodes
-    land that had a gap (``origin``, with friction): Newton's iteration finds them sooner alone."""
+    """Whether pairs of status (n,) in the linear model are to be solved for again: others touch,
+    all slip, or some that slipped turn round, and stick first: bodies would go far the other way
+    under friction that drives them. Else, where some stick, it says little of which, and iterates
+    tell where nodes land that had a gap (``origin``, with friction): Newton's iteration finds them
+    sooner alone."""
     lands = origin is not None and _to_meet(origin) & (now != OPEN)
     touch = ((now != OPEN) != (before != OPEN)).any()
-    again = (now != before).any() and (touch or STICK not in now)
+    turns = ((now == STICK) & (before == SLIP)).any()
+    again = (now != before).any() and (touch or turns or STICK not in now)
     return bool(again and not np.any(lands))
 
 

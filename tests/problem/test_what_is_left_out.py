@@ -43,10 +43,10 @@ def test_factorised_ties(monkeypatch):
     np.testing.assert_allclose(*found, atol=1e-10 * np.abs(found[0]).max())
 
 
-@pytest.mark.parametrize(("gap", "times"), [(0.0, 1), (0.01, 2)])
-def test_begun_once(monkeypatch, gap, times):
-    """At finite deformation bodies that touch as drawn are looked at once before the first
-    iteration; those apart again, since without supports the nearest pairs are to touch."""
+@pytest.mark.parametrize("gap", [0.0, 0.01])
+def test_begun_once(monkeypatch, gap):
+    """At finite deformation bodies that touch as drawn, or that supports hold apart, are looked at
+    once before the first iteration."""
     said = []
     counted(monkeypatch, newton, "Increment", said)
     parts = [scenes.grid(n, 2, (0.0, y), (1.0, y + 1.0)) for n, y in ((3, 0.0), (4, 1.0 + gap))]
@@ -64,4 +64,4 @@ def test_begun_once(monkeypatch, gap, times):
     interface = llm.Interface(tags, (2, 3), law=llm.Frictionless())
     with llm.NonlinearContactProblem(F, u, bcs=bcs, interfaces=[interface]) as problem:
         problem.solve()
-        assert (problem.results[0].pressure > 0.0).all() and said == ["Increment"] * times
+        assert (problem.results[0].pressure > 0.0).all() and said == ["Increment"]
