@@ -14,7 +14,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import chosen, told
 from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.finite.linear.system import NewtonSystem, mean_diagonal
+from dolfinx_llm.finite.linear.system import NewtonSystem, mean_diagonals
 from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, Place, slide
 from dolfinx_llm.laws.rows import OPEN
 from dolfinx_llm.operators.bare import check_stiffness
@@ -67,11 +67,10 @@ class Placed:
         """(k,) of forces (width,) on the coordinates."""
         return force if self.made is None else np.asarray(self.made.T @ force)
 
-    def stiffness(self, K: PETSc.Mat) -> float:
-        """Mean stiffness of the softer surface, by the bodies' tangent K [force / length];
-        collective."""
-        sides = self.what.sides.split(self.known)
-        return min(mean_diagonal(K, numbers.ravel()) for numbers in sides if numbers.size)
+    @property
+    def by_surface(self) -> list[Array]:
+        """Dofs of the coordinates of each surface."""
+        return [part.ravel() for part in self.what.sides.split(self.known) if part.size]
 
     @cached_property
     def known(self) -> Array:
@@ -178,8 +177,11 @@ class Equations:
         except ContactInputError:
             K.destroy()
             raise
-        self.scale = told(dofs.comm, mean_diagonal(K, dofs.first + dofs.of_nodes))
-        self.scales = told(dofs.comm, [placed.stiffness(K) for placed in self.interfaces])
+        surfaces = [placed.by_surface for placed in self.interfaces]
+        rows = [dofs.first + dofs.of_nodes, *(at for both in surfaces for at in both)]
+        self.scale, *each = told(dofs.comm, mean_diagonals(K, rows)).tolist()
+        ends = np.cumsum([0, *map(len, surfaces)])
+        self.scales = [min(each[a:b]) for a, b in zip(ends[:-1], ends[1:], strict=True)]
         return K
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.finite.densities import densities
-from dolfinx_llm.finite.frame.divided_sides import DividedSides
+from dolfinx_llm.finite.frame.divided_sides import AtNodes, DividedSides
 from dolfinx_llm.finite.frame.self_sides import SelfSides
 from dolfinx_llm.finite.frame_side import (
     gap_of_frame,
@@ -23,7 +23,6 @@ from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, Obsta
 from dolfinx_llm.finite.pairs.terms import ContactTerms, MovingContact
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import control_matrices
-from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.density import along_normals
 from dolfinx_llm.interface.forces import InterfaceForces, per_area
 from dolfinx_llm.laws.rows import OPEN
@@ -165,11 +164,11 @@ def moving_results(
         own = density[sides.moving]
         if own is not None and density[sides.frame] is not None:
             density[sides.frame] = -(opposite @ own)
-    of = list(zip(
-        sides.surfaces, places, forces, normals, gaps, to_frame, slips, statuses, areas, density,
-        strict=True,
+    of = list(map(
+        AtNodes, sides.surfaces, places, forces, normals, gaps, to_frame, slips, statuses, areas,
+        density,
     ))  # fmt: skip
-    first, second = (_side(*own) for own in of)
+    first, second = map(_side, of)
     sign = 1.0 if sides.frame == 0 else -1.0
     total, normal = sign * forces[sides.frame], sign * outward
     force = np.einsum("mi,mi->m", total, normal)
@@ -192,14 +191,14 @@ def moving_results(
         acts = along_normals(acts if of_moving is None else of_moving, moving.normal)
         pressed, traction = opposite @ acts[:, 0], -sign * (opposite @ acts[:, 1:])
     if isinstance(sides, DividedSides):
-        of[sides.moving] = sides.of_whole(*of[sides.moving])
+        of[sides.moving] = sides.of_whole(of[sides.moving])
     drawn, origin = sides.carrier.x, sides.carrier.origin
     if isinstance(sides, SelfSides):  # both are the frame's surface
         pressed[active] = own_pressed[active]
         at_frame = np.where(active, status, at_frame)
     return MovingInterfaceResult(
         frame=Frame(y + origin, cells if sides.frame == 0 else cells[:, ::-1], v=y - drawn),
-        sides=(_side(*of[0]), _side(*of[1])),
+        sides=(_side(of[0]), _side(of[1])),
         frame_force=force,
         frame_area=place.areas[1],
         frame_friction=friction,
@@ -224,7 +223,8 @@ def _against_obstacle(
     mean, presses = per_area(borne, area), _presses(contact, terms)
     (density,) = densities([surface], [x], [nodal], [force], [normal], [mean], presses)
     gaps, slip = (gap, _at_nodes(contact.sides, place.gap)), (status != OPEN)[:, None] * (E @ slip)
-    side = _side(surface, x, force, normal, *gaps, slip, status, nodal, density)
+    told = AtNodes(surface, x, force, normal, *gaps, slip, status, nodal, density)
+    side = _side(told)
     along = along_normals(mean if density is None else density, normal)
     return MovingInterfaceResult(
         frame=None,
@@ -252,19 +252,9 @@ def _presses(contact: MovingContact, terms: ContactTerms) -> bool:
     return bool(pairs.min(initial=0.0) >= -TENSILE * np.abs(pairs).max(initial=0.0))
 
 
-def _side(
-    surface: Surface,
-    x: Array,
-    force: Array,
-    normal: Array,
-    gap: Array,
-    frame_gap: Array,
-    slip: Array,
-    status: Array,
-    area: Array,
-    density: Array | None,
-) -> MovingSideResult:
-    """Of a surface; what else is given as of ``MovingSideResult``."""
+def _side(told: AtNodes) -> MovingSideResult:
+    """The result of a surface."""
+    surface, x, force, normal, gap, frame_gap, slip, status, area, density = told
     pressed = np.einsum("ni,ni->n", force, normal)
     pressing, facets = control_matrices(surface)[0].T @ pressed, surface.skin
     own = pressed, gap, frame_gap, slip, status, area, pressing, facets, density

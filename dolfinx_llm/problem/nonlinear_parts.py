@@ -99,11 +99,10 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
         )
     site, frame = _led(interface, dofs)
     site = replace(site, whole=near(site.whole))
-    sides = Sides.of(site.whole, frame)
-    if frame is None and interface.law.opens and not _is_asked(interface.law):
-        sharp = chosen(dofs.comm, partial(where_sharp, site.whole))
-        sides = sides if sharp is None else DividedSides.with_parts(site.whole, *sharp)
-    return _on_frame(interface, sides, site, dofs)
+    may = frame is None and interface.law.opens and not _is_asked(interface.law)
+    sharp = chosen(dofs.comm, partial(where_sharp, site.whole)) if may else None
+    divided = sharp and DividedSides.with_parts(site.whole, *sharp)
+    return _on_frame(interface, divided or Sides.of(site.whole, frame), site, dofs)
 
 
 def led_otherwise(interface: Interface, placed: Placed, dofs: BodyDofs) -> bool:

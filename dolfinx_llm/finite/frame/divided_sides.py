@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import block_diag, csr_matrix, identity
@@ -30,6 +30,21 @@ from dolfinx_llm.geometry.drawn import has_edges
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.forces import per_area
 from dolfinx_llm.laws.rows import OPEN
+
+
+class AtNodes(NamedTuple):
+    """What is told of a surface's n nodes, see ``MovingSideResult``."""
+
+    surface: Surface
+    x: Array
+    force: Array
+    normal: Array
+    gap: Array
+    frame_gap: Array
+    slip: Array
+    status: Array
+    area: Array
+    density: Array | None
 
 
 def where_sharp(surfaces: Sequence[Surface]) -> tuple[int, Array] | None:
@@ -86,40 +101,29 @@ class DividedSides(Sides):
         found[len(self.whole.x) :] = False
         return found
 
-    def of_whole(
-        self,
-        surface: Surface,
-        x: Array,
-        force: Array,
-        normal: Array,
-        gap: Array,
-        frame_gap: Array,
-        slip: Array,
-        status: Array,
-        area: Array,
-        density: Array | None,
-    ) -> tuple[Any, ...]:
-        """Values at the moving side's nodes, of those (n', ...) at all that there are, see
-        ``MovingSideResult``. A node is in contact where points about it are, whose forces it bears:
-        along their mean normal, and with their mean slip where it is none of them."""
+    def of_whole(self, told: AtNodes) -> AtNodes:
+        """What is told of the moving side's nodes, of that of all n' nodes that there are. A node
+        is in contact where points about it are, whose forces it bears: along their mean normal, and
+        with their mean slip where it is none of them."""
         n, shares = len(self.whole.x), self.shares
-        pressed = np.einsum("ni,ni->n", force, normal)
-        total, own, on = shares.T @ (pressed[:, None] * normal), normal[:n], status != OPEN
+        pressed = np.einsum("ni,ni->n", told.force, told.normal)
+        total, on = shares.T @ (pressed[:, None] * told.normal), told.status != OPEN
         bears = np.linalg.norm(total, axis=1) > 0.0
         about = (abs(shares) > HARDLY).T @ diagonal(on)
-        mean = per_area(abs(about) @ slip, np.asarray(abs(about).sum(axis=1)).ravel())
-        most = np.asarray((about @ diagonal(status)).max(axis=1).todense()).ravel()
+        mean = per_area(abs(about) @ told.slip, np.asarray(abs(about).sum(axis=1)).ravel())
+        most = np.asarray((about @ diagonal(told.status)).max(axis=1).todense()).ravel()
         closed = on[:n]
-        status = np.where(closed, status[:n], most.astype(status.dtype))
-        return (
-            self.whole,
-            x[:n],
-            shares.T @ force,
-            np.where(bears[:, None], unit(np.where(bears[:, None], total, 1.0)), own),
-            np.where(status != OPEN, 0.0, gap[:n]),
-            frame_gap[:n],
-            np.where(closed[:, None], slip[:n], mean),
-            status,
-            shares.T @ area,
-            None if density is None else density[:n],
+        status = np.where(closed, told.status[:n], most.astype(told.status.dtype))
+        along = unit(np.where(bears[:, None], total, 1.0))
+        return AtNodes(
+            surface=self.whole,
+            x=told.x[:n],
+            force=shares.T @ told.force,
+            normal=np.where(bears[:, None], along, told.normal[:n]),
+            gap=np.where(status != OPEN, 0.0, told.gap[:n]),
+            frame_gap=told.frame_gap[:n],
+            slip=np.where(closed[:, None], told.slip[:n], mean),
+            status=status,
+            area=shares.T @ told.area,
+            density=None if told.density is None else told.density[:n],
         )

@@ -209,8 +209,13 @@ class NewtonSystem(Parts):
 def mean_diagonal(K: PETSc.Mat, at: Array | None = None) -> float:
     """Mean size of K's diagonal entries, or of those of some rows (k,), the same on every rank
     [force / length]; collective."""
+    return float(mean_diagonals(K, [np.arange(*K.getOwnershipRange()) if at is None else at])[0])
+
+
+def mean_diagonals(K: PETSc.Mat, every: Sequence[Array]) -> Array:
+    """(n,) the same of n sets of rows; collective."""
     own, (first, end) = np.abs(diagonal_of(K)), K.getOwnershipRange()
-    if at is not None:
-        own = own[at[(at >= first) & (at < end)] - first]
-    total, count = K.comm.tompi4py().allreduce(np.array([own.sum(), len(own)]))
-    return float(total / count)
+    parts = [own[at[(at >= first) & (at < end)] - first] for at in every]
+    sums = np.array([(part.sum(), len(part)) for part in parts])
+    total, count = K.comm.tompi4py().allreduce(sums).T
+    return np.asarray(total / count)
