@@ -47,7 +47,7 @@ MAXIMUM = 100  # iterations, and as many again once ties have been chosen
 MEETING_ENDS = 10  # iterations in which all sticks while it is found which pairs touch, at most
 FALLING = 4  # of them in which the motion of what nothing holds is looked for
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
-WARY, TRUSTING = 1.5, 2.0  # trust in slips of the first iterate, by what it grows with each
+WARY, TRUSTING = 1.2, 4.0  # trust in slips of the first iterate, by what it grows with each
 FASTEST = 20  # doublings of how fast a frame node goes to where it touches
 
 
