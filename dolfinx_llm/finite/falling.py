@@ -1,4 +1,5 @@
-"""Bodies that would fall: neither supports nor contact hold them. Their nearest pairs touch."""
+"""Bodies and obstacles that would fall: neither supports nor contact hold them. Their nearest pairs
+touch."""
 
 from __future__ import annotations
 
@@ -8,6 +9,7 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.finite.load_step import Placed
+from dolfinx_llm.finite.obstacles.pressed_obstacle import Pressed
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.numbering import BodyDofs
 
@@ -19,8 +21,8 @@ def falling(
     asks: Sequence[bool],
     touched: Sequence[bool],
 ) -> list[int]:
-    """Which of the interfaces asked for have touched, or have a body that nothing holds, as they
-    and all others there touch nowhere; collective.
+    """Which of the interfaces asked for have touched, or have a body or an obstacle under a force
+    that nothing holds, as they and all others there touch nowhere; collective.
 
     Args:
         dofs: of the bodies.
@@ -40,4 +42,5 @@ def falling(
         row[dofs.values(placed.numbers, label).astype(int)] = True
     touch = np.array([bool(now.any()) for now in status])
     falls = (held < dofs.gdim) & ~of[touch].any(axis=0)
-    return [i for i, a in enumerate(asks) if a and (touched[i] or of[i, falls].any())]
+    falls_on = of[:, falls].any(axis=1) | [isinstance(i.what, Pressed) for i in interfaces]
+    return [i for i, a in enumerate(asks) if a and (touched[i] or falls_on[i])]
