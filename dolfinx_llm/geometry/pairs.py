@@ -115,6 +115,12 @@ class ContactPairs:
         """(m, c) corners of the same."""
         return self.cells[:, : self.surface.facets.shape[1]]
 
+    @property
+    def skin(self) -> Array:
+        """(s, c) first-order facets between all nodes of the same."""
+        parts = self.surface.element.parts
+        return self.cells[:, parts].reshape(-1, parts.shape[1])
+
     def interpolation(self, x: Array) -> csr_matrix:
         """(k, n) values of the nodes at the point of the facets that is closest to each position;
         where several are as close, as above a fold, their mean.

@@ -13,6 +13,7 @@ import numpy as np
 import pairs
 import patch3d
 import pytest
+import scenes
 import ufl
 from conftest import run_mpi_json
 from contact_scenes import Pressed, rectangle
@@ -222,6 +223,33 @@ def test_curved_frame_by_matplotlib(tmp_path, monkeypatch):
     result = InterfaceResult(frame, (None,), None, *own)
     plot.interface(result, tmp_path / "ring.png")
     assert np.ptp(image(tmp_path / "ring.png")) > 0.9
+
+
+@pytest.mark.parametrize("kind", ["triangle", "hexahedron"])
+def test_second_order_on_an_obstacle(kind, tmp_path, monkeypatch):
+    """Nodes between corners are of the picture: they belonged to no cell, which was an error."""
+    monkeypatch.setattr(render, "find_spec", lambda name: None)
+    gdim, cell = (2 if kind == "triangle" else 3), getattr(mesh.CellType, kind)
+    make = mesh.create_unit_square if gdim == 2 else mesh.create_unit_cube
+    domain = make(COMM, *[2] * gdim, cell)
+    V = compat.function_space(domain, degree=2, shape=(gdim,))
+    foot = mesh.locate_entities_boundary(domain, gdim - 1, lambda x: np.isclose(x[gdim - 1], 0.0))
+    tags = mesh.meshtags(domain, gdim - 1, np.sort(foot), np.ones(len(foot), dtype=np.int32))
+    down = np.eye(gdim)[-1]
+    bc = fem.dirichletbc(
+        fem.Constant(domain, -0.01 * down),
+        fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[gdim - 1], 1.0)),
+        V,
+    )
+    floor = llm.RigidPlane(0.0 * down, down)
+    interface = llm.Interface(tags, (1, floor), law=llm.Frictionless())
+    problem = llm.ContactProblem(*scenes.forms(V), bcs=[bc], interfaces=[interface])
+    problem.solve()
+    problem.plot(tmp_path, colour="pressure")
+    for name in ("bodies.png", "interface_0.png"):
+        assert np.ptp(image(tmp_path / name)) > 0.9
+    side = problem.results[0].sides[0]
+    assert np.unique(side.facets).tolist() == list(range(len(side.x)))
 
 
 def test_colours_of_bodies(tmp_path, monkeypatch):

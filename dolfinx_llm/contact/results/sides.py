@@ -43,7 +43,7 @@ class SideResult:
     area: Array  # (n,) tributary area: the force of unit pressure [area]
     pressing: Array  # (n,) normal_force, of second order of its control values, see
     # ``operators.control``: these are not negative where bodies may part [force]
-    facets: Array  # (m, c) corners of the facets that lie between these nodes
+    facets: Array  # (m, c) first-order facets between these nodes, all of them
     density: Array | None = None  # (n, gdim) of the forces on the surface, see
     # ``density_at_nodes``; None at first order, where the frame's are [force / area]
 
@@ -89,7 +89,7 @@ def side_result(
         status=status,
         area=pairs.forces,
         pressing=across,
-        facets=pairs.facets,
+        facets=pairs.skin,
         density=density_at_nodes(pairs, force, presses),
     )
 
