@@ -49,7 +49,7 @@ class Placed:
     numbers: Array  # (k,) dofs in the vector of all bodies
     drawn: Array  # (width,) coordinates as drawn [length]
     free: Array  # (width,) not prescribed
-    reads: Callable[[], dict[str, Array]] | None = None  # ``Law.begin_step``; None: nothing
+    reads: Callable[[], Any] | None = None  # ``Law.begin_step``, or a tie anew; None: nothing
     made: Any = None  # (width, k) coordinates by those of k dofs: see ``DividedSides``; None: these
     shared: Any = None  # (n,) whether the moving side's nodes carry frames of other interfaces
 

@@ -56,6 +56,7 @@ class NewtonSteps:
         terms: of the interfaces there.
         slips: (n, gdim) of each one's pairs and (m, gdim) of its frame's nodes, in all of the last
             load step [length].
+        told: of what is doubtful there, warnings.
     """
 
     def __init__(self, equations: Equations) -> None:
@@ -63,7 +64,7 @@ class NewtonSteps:
         self.history: list[dict[str, Any]] = []
         self.terms: list[ContactTerms] = []
         self.slips: list[tuple[Array, Array]] = []
-        self._told: list[str] = []
+        self.told: list[str] = []
         self._reached: NewtonState
 
     def step(
@@ -225,13 +226,13 @@ class NewtonSteps:
 
     def _say(self) -> None:
         """Warn of what is doubtful in a load step, where that was not told of the last one."""
-        told, before = doubts.leapt(*self._leapt), self._told
+        told, before = doubts.leapt(*self._leapt), self.told
         of = zip(self.equations.interfaces, self._left, self.terms, strict=True)
         for placed, left, t in of:
             told += doubts.left_over(placed.what.sides, left, t.place)
             for doubt in (doubts.deep, doubts.beside_edge, doubts.rounded_off):
                 told += doubt(placed.what, t)
-        self._told = told
+        self.told = told
         warn(self.equations.bodies.dofs.comm, told, before)
 
 

@@ -13,6 +13,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import StageTimes
+from dolfinx_llm.contact.results.results import InterfaceResult
 from dolfinx_llm.forms.choice import choose_solver
 from dolfinx_llm.forms.step import StepForm
 from dolfinx_llm.interface.against import as_drawn
@@ -22,6 +23,7 @@ from dolfinx_llm.interface.control import controlled
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.operators.system import ContactOperators
 from dolfinx_llm.problem.bulk import LinearBulk
+from dolfinx_llm.problem.memory import Results
 from dolfinx_llm.problem.methods import ContactMethod, Setting
 from dolfinx_llm.problem.standing import Standing
 
@@ -39,6 +41,7 @@ class Following:
     method: ContactMethod
     operators: ContactOperators
     geometries: Sequence[InterfaceGeometry]
+    results: list[InterfaceResult]
     _petsc: tuple[str, dict[str, Any] | None]
     _drawn: list[Array]  # what obstacles were taken to be
 
@@ -97,6 +100,8 @@ class Following:
             self._build_operators()
         alike = known is None or known.at_pairs_of(self.geometries)
         self.method.renew(self._setting(), keep=keep and alike)
+        if not keep:
+            self.results = Results()
         if self.operators is not before:  # which serve until then, also where this fails
             before.destroy()
         self._settle()

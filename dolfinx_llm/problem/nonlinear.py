@@ -24,7 +24,7 @@ from dolfinx_llm.finite.results import MovingInterfaceResult
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.output.pictured import Pictured
 from dolfinx_llm.problem.bulk import Fingerprint
-from dolfinx_llm.problem.memory import INSTANT, Memory, Remembering
+from dolfinx_llm.problem.memory import INSTANT, Memory, Remembering, Results
 from dolfinx_llm.problem.nonlinear_bulk import NonlinearBulk, nonlinear_arguments
 from dolfinx_llm.problem.nonlinear_parts import anatomy, pose_of, results_of
 from dolfinx_llm.problem.nonlinear_system import counted, hold, posed
@@ -105,7 +105,6 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         with self.times.timed("form compilation"):
             self.bulk = NonlinearBulk(given)
         self.spaces, self.comm = self.bulk.spaces, self.bulk.comm
-        self.results: list[MovingInterfaceResult] = []
         self._drawn = Fingerprint((), self.spaces)
         self._drawn.changes(())
         self._build()
@@ -155,11 +154,14 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         return self._newton.history
 
     def reset(self, moved: bool = False) -> None:
-        """Start anew from the displacement as it stands in u, without contact forces.
+        """Start anew from the displacement as it stands in u when the next load step begins,
+        without contact forces.
 
         Args:
             moved: rigid obstacles stand where they are now; else as drawn.
         """
+        self.results: list[MovingInterfaceResult] = Results()
+        self._newton.told = []
         contacts = self._newton.equations.interfaces
         self._state = NewtonState(
             self.bulk.now(),

@@ -194,8 +194,8 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     with collective(dofs.comm):
         checked_clearance(obstacle, surface.x)
     if isinstance(law, Tied):
-        tie = TiedObstacle.between(surface, obstacle, interface.name, law.close_gap)
-        return placed_at(tie, site.whole, site.spaces, dofs)
+        tie = partial(TiedObstacle.between, surface, obstacle, interface.name, law.close_gap)
+        return placed_at(tie(), site.whole, site.spaces, dofs, tie)
     nodes = nodes_of(interface, OneSide((surface,)), site, surface.x.ravel(), dofs)
     pressed = any(loaded(obstacle, surface.x.shape[1]))
     if own:
@@ -288,7 +288,7 @@ def placed_at(
     surfaces: Sequence[Surface],
     spaces: Sequence[int],
     dofs: BodyDofs,
-    reads: Callable[[], dict[str, Array]] | None = None,
+    reads: Callable[[], Any] | None = None,
     made: csr_matrix | None = None,
 ) -> Placed:
     """Where the coordinates of some surfaces stand, what makes them, and what the law reads."""

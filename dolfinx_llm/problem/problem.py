@@ -26,7 +26,7 @@ from dolfinx_llm.problem.arguments import problem_arguments, step_arguments
 from dolfinx_llm.problem.bulk import LinearBulk
 from dolfinx_llm.problem.following import Following
 from dolfinx_llm.problem.form_arguments import given_forms, in_order
-from dolfinx_llm.problem.memory import Memory, Remembering
+from dolfinx_llm.problem.memory import Memory, Remembering, Results
 from dolfinx_llm.problem.methods import ContactMethod
 from dolfinx_llm.problem.saving import SavedContact
 
@@ -128,7 +128,7 @@ class ContactProblem(Remembering, Following, Differentiable, Pictured, SavedCont
         self.interfaces, self.solver = tuple(given.interfaces), solver
         self.times = StageTimes()
         self.history: list[dict[str, Any]] = []
-        self.results: list[InterfaceResult] = []
+        self.results: list[InterfaceResult] = Results()
         self._doubts: list[str] = []
         self._u: list[fem.Function] = []
         self._petsc = petsc_options_prefix, petsc_options
@@ -201,12 +201,13 @@ class ContactProblem(Remembering, Following, Differentiable, Pictured, SavedCont
         return self.u
 
     def reset(self) -> None:
-        """Forget the last load steps: contact state, slip and loads.
+        """Forget the last load steps: contact state, slip, loads, results and what was told.
 
         Raises:
             ContactError: after ``destroy``.
         """
         self.method.reset()
+        self.results, self._doubts = Results(), []
 
     def __str__(self) -> str:
         """Anatomy: sizes, blocks present, what was left out and why."""

@@ -20,6 +20,7 @@ from dolfinx_llm.contact.results.results import collect_results
 from dolfinx_llm.finite.own_laws.law_told import Kept
 from dolfinx_llm.finite.results import MovingInterfaceResult
 from dolfinx_llm.output.writing import writable_file
+from dolfinx_llm.problem.memory import Results
 from dolfinx_llm.problem.saved_results import arrays_of, result_of
 from dolfinx_llm.problem.state_file import (
     FORMAT,
@@ -241,7 +242,7 @@ class SavedNonlinear(Saving):
             pushed=local["pushed"],
             kept=tuple(Kept.read(common, f"interface {i} law ") for i in count),
         )
-        self.results = []
+        self.results = Results()
         for start in (f"interface {i} result " for i in count):
             own = {key[len(start) :]: a for key, a in common.items() if key.startswith(start)}
             self.results += [result_of(own)] if own else []

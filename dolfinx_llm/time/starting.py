@@ -37,6 +37,7 @@ class Starting(Saving):
     _left: Array
     _started: bool  # whether it is known
     _fixed: Array  # which dofs were prescribed when it was found
+    _at: Array  # u (n_local,) where the last step has ended [length]
     _led: Array  # what obstacles, ties and pressures were given where contact was last found
     _touch: Any  # what bodies meet with now
 
@@ -69,6 +70,8 @@ class Starting(Saving):
             elif came is not u:
                 with slippery([i.law for i in self.problem.interfaces]):
                     self._hold(held, came)
+                    left = self.problem.bulk.unbalanced(came, self.problem.pushed)
+                    self._hold(held, came, force=np.where(self._bare, left, 0.0))
             rests = self._hold(held, u)
             if self._mean:  # and by how much inertia has given way
                 rests = self._hold(held, u, u - rests)
@@ -82,7 +85,7 @@ class Starting(Saving):
         self._left = np.where(self._bare | fixed, 0.0, self._unmoving(u, c))
         fill(self._u, u, counts)
         self._touch, _ = self._met()
-        self._started, self._fixed = True, fixed
+        self._started, self._fixed, self._at = True, fixed, u
 
     def _unmoving(self, u: Array, c: float) -> Array:
         """(n_local,) forces of the bodies less loads and contact, as these were last found at u
@@ -94,15 +97,19 @@ class Starting(Saving):
 
     def _follow(self) -> None:
         """Where supports have come or gone since the last step, forces at the start of this one are
-        others than at the end of that; collective."""
-        self.problem.bulk.look()
-        changed = bool((self.problem.bulk.dofs.fixed != self._fixed).any())
-        if self.comm.allreduce(changed):
-            self._begin(anew=False)
+        others than at the end of that; where contact has been forgotten, as of an obstacle that was
+        drawn anew, or u was set by hand, nothing is known of them. Collective."""
+        self.problem.update()
+        held = bool((self.problem.bulk.dofs.fixed != self._fixed).any())
+        moved = bool((self._values(self._u) != self._at).any())
+        held, moved = self.comm.allreduce(np.array([held, moved])) > 0
+        anew = bool(moved) or not self.problem.results
+        if held or anew:
+            self._begin(anew)
 
     def _slides(self) -> bool:
-        """Whether bodies move, and slip on what they touch."""
-        moves = self.comm.allreduce(bool(self._values(self._v).any()))
+        """Whether bodies move, or have moved, and slip on what they touch."""
+        moves = self.comm.allreduce(any(self._values(w).any() for w in (self._u, self._v)))
         return bool(moves) and any(i.law.slips for i in self.problem.interfaces)
 
     def _stiffness(self, u: Array) -> float:
@@ -117,18 +124,21 @@ class Starting(Saving):
         stiffness, mass = self.comm.allreduce(sums)
         return float(stiffness / mass) if mass > 0.0 else 1.0
 
-    def _hold(self, c: float, u: Array, beyond: Array | float = 0.0) -> Array:
+    def _hold(
+        self, c: float, u: Array, beyond: Array | float = 0.0, force: Array | float = 0.0
+    ) -> Array:
         """Find contact of bodies that inertia of a rate c holds at u (n_local,), and what leads
         them: it may have moved on already, and ties would pull at what does not follow.
 
         Args:
             c, u: rate and place.
             beyond: (n_local,) by which inertia pulls farther, against what moves the bodies.
+            force: (n_local,) that holds what has no mass [force].
 
         Returns:
             (n_local,) where they are.
         """
-        self._push(c * times(self._M, u + beyond))
+        self._push(c * times(self._M, u + beyond) + force)
         bulk, led = self.problem.bulk, [i for i in self.problem.interfaces if not i.law.opens]
         at_rest = not self.comm.allreduce(bool(u.any()))
         bulk.held = u

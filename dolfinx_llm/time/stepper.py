@@ -77,7 +77,7 @@ class TimeStepper(Steps):
         options: of the problem: ``bcs``, ``solver``, ..., but no ``J``.
 
     Attributes:
-        u, v: displacement and velocity, a Function or a list; set them before the first step.
+        u, v: displacement and velocity, a Function or a list; set them before steps.
         t, dt: time, 0 at first; as given.
         density: per mesh the density that has been moved, UFL.
         problem: ``ContactProblem`` or ``NonlinearContactProblem`` of a step: its ``results`` are at

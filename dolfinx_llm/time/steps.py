@@ -117,7 +117,7 @@ class Steps(Starting):
         else:
             touch, at = self._met()
             if kept is None or not at:
-                self._touch = touch
+                self._touch, self._at = touch, self._values(self._u)
                 self.t += dt
                 of = zip(self._pulls, self.problem.results, strict=True)
                 warn(self.comm, [w for p, r in of if p for w in p.told(r.sides, dt)], ())
@@ -199,4 +199,4 @@ class Steps(Starting):
         fill(self._u, local["displacement"], counts)
         fill(self._v, local["velocity"], counts)
         self._left, self._started = local["inertia"], True
-        self._fixed = self.problem.bulk.dofs.fixed
+        self._fixed, self._at = self.problem.bulk.dofs.fixed, local["displacement"]

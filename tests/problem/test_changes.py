@@ -177,6 +177,19 @@ def test_conditions_without_a_number_are_named():
         problem.solve()
 
 
+def test_results_while_nothing_is_known():
+    """Before the first load step, after ``reset``, and where a mesh was moved: an IndexError, and
+    results of what had been forgotten."""
+    data = changed.Data(COMM)
+    problem = data.problem("friction", "saddle")
+    for forget in (lambda: None, problem.reset, lambda: (changed.mesh(data), problem.update())):
+        forget()
+        with pytest.raises(llm.ContactError, match="no results yet: call solve"):
+            problem.results[0]
+        problem.solve()
+        assert problem.results[0].pressure.max() > 0.0
+
+
 def test_update_alone():
     """K is that of the data as they are, once asked to."""
     data = changed.Data(COMM)

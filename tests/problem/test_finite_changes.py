@@ -62,6 +62,22 @@ def test_a_mesh_that_was_moved():
             drawn.problem.solve()
 
 
+def test_u_set_after_a_reset():
+    """It is where the next step starts; that was refused, with the advice to call ``reset``."""
+    found = []
+    for first in (False, True):
+        punch = Punch(law=llm.Coulomb(0.3))
+        with pytest.raises(llm.ContactError, match="no results yet: call solve"):
+            punch.problem.results[0]
+        if first:
+            punch.to(0.02, 0.01)
+            punch.problem.reset()
+            for u in punch.u:
+                u.x.array[:] = 0.0
+        found.append(punch.to(0.01).resultant)
+    assert np.allclose(*found, rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("law", "solver", "ranks"),
     [("tied", "saddle", 1), ("friction", "condensed", 2), longer("friction", "saddle", 1),

@@ -267,6 +267,22 @@ def test_gaps():
         scene.problem(law=llm.Tied(close_gap=True))
 
 
+def test_drawn_anew_between_steps():
+    """The body stayed tied where the end had been, without a word."""
+    scene = End("quad", displacement=(0.0, 0.0))
+    problem = scene.problem(law=llm.Tied(close_gap=True))
+    problem.solve()
+    scene.end.point = np.array([0.0, -0.02])
+    problem.solve()
+    force, x = scene.forces()
+    assert np.abs(x[:, 1] + 0.02).max() < 1e-12 and force[:, 1].min() > 0.0
+    scene.end.point = np.array([0.0, 0.0])
+    problem = scene.problem()
+    scene.end.point = np.array([0.0, -0.02])
+    with pytest.raises(llm.ContactInputError, match=r"drawn with gaps of up to 0\.02: at finite"):
+        problem.solve()
+
+
 def test_ends_that_nodes_do_not_bear():
     scene = End("quad")
     scene.end = llm.RigidSurface(llm.Frame([[-0.1, 0.0], [0.1, 0.0]], [[0, 1]]), moment=1.0)

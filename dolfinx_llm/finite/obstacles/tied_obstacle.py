@@ -10,6 +10,7 @@ prescribed, components of s and of the rotation vector θ of R are found. With f
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix
@@ -89,6 +90,14 @@ class TiedObstacle(Bound, Pressed):
         contact = replace(contact, points=points)
         contact.check_borne()
         return contact
+
+    def reading(self, given: Any) -> TiedObstacle:
+        """The same to the obstacle as it is drawn at the start of a load step.
+
+        Args:
+            given: tied anew, see ``between``.
+        """
+        return replace(self, tied=given.tied, points=given.points, directions=given.directions)
 
     def check_borne(self) -> None:
         """Require nodes that can bear what is prescribed on the obstacle.
