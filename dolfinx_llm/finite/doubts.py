@@ -7,14 +7,18 @@ import numpy as np
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.finite.frame.divided_sides import DividedSides
-from dolfinx_llm.finite.frame.location import INSIDE
+from dolfinx_llm.finite.frame.location import INSIDE, find_on_frame
 from dolfinx_llm.finite.frame.self_sides import SelfSides
 from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.finite.frame_side import on_mover
+from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact
 from dolfinx_llm.finite.pairs.normal_contact import OVER, NormalPlace
 from dolfinx_llm.finite.pairs.terms import ContactTerms, MovingContact, Place
+from dolfinx_llm.geometry.cells import areas_around, unit
 from dolfinx_llm.geometry.drawn import SHARP, angles_between
 from dolfinx_llm.geometry.facing import TURN
+from dolfinx_llm.interface.against import checked_clearance
+from dolfinx_llm.interface.touching import NEARER, nothing_touches
 from dolfinx_llm.laws.rows import OPEN
 
 LEAPS = 10.0  # times as far as supports and obstacles have gone
@@ -46,6 +50,36 @@ def left_over(sides: Sides, left: Array, after: Place) -> list[str]:
         f"{frame} over its edge in this load step, the first is at {checks.place(place)}: nothing "
         "presses on them there. If the body goes on, tag more of it"
     ]
+
+
+def apart(contact: MovingContact, t: ContactTerms) -> list[str]:
+    """Of bodies that have come nearer to each other than in the drawing, and touch nowhere."""
+    if not contact.parts or (t.status != OPEN).any() or isinstance(contact.sides, SelfSides):
+        return []
+    drawn = np.concatenate([surface.x.ravel() for surface in contact.sides.surfaces])
+    (before, _), (now, where) = (_clearance(contact, z, t.place) for z in (drawn, t.place.z))
+    if not now < before - NEARER * contact.sides.surfaces[0].diameter:
+        return []
+    return [nothing_touches(contact.named, before, now, where)]
+
+
+def _clearance(contact: MovingContact, z: Array, now: Place) -> tuple[float, Array]:
+    """Least distance of two sides at coordinates z, inf where they do not face each other, and
+    where that is; of an obstacle as drawn, or where pairs are now."""
+    sides = contact.sides
+    x = z.reshape(-1, sides.gdim) if isinstance(contact, ObstacleContact) else sides.split(z)[0]
+    if not isinstance(contact, ObstacleContact):
+        y, outward = sides.split(z)[1], sides.outward(z)
+        at = find_on_frame(x, y, sides.carrier.cells, outward)
+        own = unit(areas_around(x, sides.mover.skin))
+        faces = np.einsum("ni,ni->n", own, at.normal) < -np.cos(TURN)
+        gap = np.where(at.met & (at.beyond < INSIDE) & faces, at.gap, np.inf)
+    elif z is now.z:
+        gap = now.gap
+    else:
+        gap = checked_clearance(contact.obstacle, x)[0]
+    nearest = int(gap.argmin())
+    return float(gap[nearest]), x[nearest] + sides.surfaces[0].origin
 
 
 def deep(contact: MovingContact, t: ContactTerms) -> list[str]:

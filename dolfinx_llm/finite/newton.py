@@ -232,6 +232,8 @@ class NewtonSteps:
             told += doubts.left_over(placed.what.sides, left, t.place)
             for doubt in (doubts.deep, doubts.beside_edge, doubts.rounded_off):
                 told += doubt(placed.what, t)
+            if not self.equations.bodies.in_time:
+                told += doubts.apart(placed.what, t)
         self.told = told
         warn(self.equations.bodies.dofs.comm, told, before)
 

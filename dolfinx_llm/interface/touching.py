@@ -16,6 +16,7 @@ from dolfinx_llm.geometry.overlap_flat import Plane, common_area, common_plane
 from dolfinx_llm.geometry.pieces import Piece, touching_pieces
 from dolfinx_llm.geometry.surface import Surface
 
+NEARER = 1e-9  # of the surface's size: gaps that fall by less do not close
 BURIED = 0.5  # depth, in the radius of the smaller surface, that no drawing can mean
 
 
@@ -165,3 +166,18 @@ def check_flat(sides: Sequence[Surface], plane: Plane, rule: str) -> None:
             f"normal, more than the largest facet's size, {facet:.3g}; {rule}. Check tags, "
             "positions and units"
         )
+
+
+def nothing_touches(what: str, before: float, now: float, where: Array) -> str:
+    """What is said of bodies that a load brings nearer to each other, and that touch nowhere.
+
+    Args:
+        what: the interface, or what touches there.
+        before, now: distance as drawn and now [length].
+        where: (gdim,) they are nearest now.
+    """
+    return (
+        f"{what}: nothing touches: the load brings both sides nearer to each other, from "
+        f"{before:.2g} as drawn to about {max(now, 0.0):.2g} at {checks.place(where)}, and no "
+        "contact force arises. Check positions, units and the load, or draw the bodies nearer"
+    )

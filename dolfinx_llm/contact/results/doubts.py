@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.contact.iteration import ContactIteration
@@ -18,6 +17,7 @@ from dolfinx_llm.interface.control import of_control_values
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.supports import HELD_IN
 from dolfinx_llm.interface.tool_forces import check_beside
+from dolfinx_llm.interface.touching import NEARER, nothing_touches
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
 SPIN = 1e-9  # part of an obstacle's rotation along its normals, up to which it does not tilt
@@ -29,7 +29,6 @@ UNEVEN = 2.0  # friction of a side's nodes over that of the law's, where all sli
 CARRIES = 1e-10  # of the largest force in the load step: an interface with less carries none
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
 UNCERTAIN = 0.2  # part of the bodies' motion to which gaps must be known
-NEARER = 1e-9  # of the surface's size: gaps that fall by less do not close
 
 
 def doubts(
@@ -209,12 +208,8 @@ def _apart(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
     if not now < before - NEARER * geometry.sides[0].diameter:
         return []
     side = min(sides, key=lambda side: float(side.gap.min()))
-    return [
-        f"interface {geometry.interface.name}: nothing touches: the load brings both sides nearer "
-        f"to each other, from {before:.2g} as drawn to about {max(now, 0.0):.2g} at "
-        f"{checks.place(side.x[side.gap.argmin()])}, and no contact force arises. Check "
-        "positions, units and the load, or draw the bodies nearer"
-    ]
+    where, named = side.x[side.gap.argmin()], f"interface {geometry.interface.name}"
+    return [nothing_touches(named, before, now, where)]
 
 
 def _gaps(geometry: InterfaceGeometry, gaps: Sequence[Array]) -> Array:
