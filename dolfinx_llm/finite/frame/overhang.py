@@ -28,9 +28,7 @@ from dolfinx_llm.finite.frame.location import OnFrame
 from dolfinx_llm.laws.rows import OPEN
 
 BEARS_ON = 1e-2  # entry of S up to which a part does not bear on a control value
-COVERED_AT_LEAST = (
-    0.05  # of a facet: part that counts as covered at least, or rows would be the next one's
-)
+COVERED_AT_LEAST = 0.05  # of a facet: below that rows of its nodes would be the next one's
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +111,9 @@ def overhang(
     facets = np.flatnonzero(cut)
     if not len(facets):
         return None
-    nodes, out = cells[facets], out[facets]
+    nodes, out, count = cells[facets], out[facets], 0
     st, places = np.tile([0.0, 1.0], (len(facets), 1)), []
     which = np.zeros((len(facets), 2), dtype=np.int64)
-    count = 0
     for local, (least, most) in enumerate(((0.0, 1.0 - COVERED_AT_LEAST), (COVERED_AT_LEAST, 1.0))):
         of = np.flatnonzero(out[:, local])
         end = chains.ends[at.facet[nodes[of, local]], 1 - local]
