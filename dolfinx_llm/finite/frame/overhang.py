@@ -28,7 +28,7 @@ from dolfinx_llm.finite.frame.location import OnFrame
 from dolfinx_llm.laws.rows import OPEN
 
 BEARS_ON = 1e-2  # entry of S up to which a part does not bear on a control value
-COVERED_AT_LEAST = 0.05  # of a facet: below that rows of its nodes would be the next one's
+COVERED_AT_LEAST = 0.05  # of a facet: rows of less would be those of the next node
 
 
 @dataclass(frozen=True, eq=False)

@@ -80,7 +80,7 @@ class Condensed:
         E, over = sides.nodal, t.place.overhang
         E = per_component(E if over is None else (E @ over.inverse).tocsr(), gdim)
         top = (E.T @ t.top[x]).tocsr()
-        if sides.mover.element.order > 1:  # normals differ along a facet
+        if over is not None or sides.mover.element.order > 1:  # normals differ along a facet
             largest = abs(top).max(axis=0).toarray().ravel()
             top.data[np.abs(top.data) < LITTLE * largest[top.indices]] = 0.0
         top.eliminate_zeros()
