@@ -13,6 +13,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import StageTimes
+from dolfinx_llm.contact.results.of_interfaces import Results
 from dolfinx_llm.contact.results.results import InterfaceResult
 from dolfinx_llm.forms.choice import choose_solver
 from dolfinx_llm.forms.step import StepForm
@@ -23,7 +24,6 @@ from dolfinx_llm.interface.control import controlled
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.operators.system import ContactOperators
 from dolfinx_llm.problem.bulk import LinearBulk
-from dolfinx_llm.problem.memory import Results
 from dolfinx_llm.problem.methods import ContactMethod, Setting
 from dolfinx_llm.problem.standing import Standing
 

@@ -13,7 +13,7 @@ from ufl.algorithms import extract_arguments, extract_coefficients
 
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective
 
 INSTANT = 1e-6  # of a step in time, in which no body creeps
@@ -157,15 +157,6 @@ class Memory:
         self.begins(1.0)
         for function, values in zip(self.state, self._before if given_up else []):
             function.x.array[:] = values
-
-
-class Results(list[Any]):
-    """Of the interfaces of a problem; empty while nothing is known of contact."""
-
-    def __getitem__(self, at: Any) -> Any:
-        if not self:
-            raise ContactError("there are no results yet: call solve() first")
-        return super().__getitem__(at)
 
 
 class Remembering:

@@ -17,6 +17,7 @@ from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.base.timing import StageTimes
+from dolfinx_llm.contact.results.of_interfaces import Results
 from dolfinx_llm.finite.load_step import LoadStep, NewtonState
 from dolfinx_llm.finite.newton import NewtonSteps
 from dolfinx_llm.finite.pressure import FreeSurfacePressure, pressures_of
@@ -24,7 +25,7 @@ from dolfinx_llm.finite.results import MovingInterfaceResult
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.output.pictured import Pictured
 from dolfinx_llm.problem.bulk import Fingerprint
-from dolfinx_llm.problem.memory import INSTANT, Memory, Remembering, Results
+from dolfinx_llm.problem.memory import INSTANT, Memory, Remembering
 from dolfinx_llm.problem.nonlinear_bulk import NonlinearBulk, nonlinear_arguments
 from dolfinx_llm.problem.nonlinear_parts import anatomy, pose_of, results_of
 from dolfinx_llm.problem.nonlinear_system import counted, hold, posed

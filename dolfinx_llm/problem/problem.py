@@ -16,6 +16,7 @@ from dolfinx_llm.base.log import warn
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.results.doubts import doubts
+from dolfinx_llm.contact.results.of_interfaces import Results
 from dolfinx_llm.contact.results.results import InterfaceResult, collect_results
 from dolfinx_llm.forms.cost import LOAD_STEPS
 from dolfinx_llm.forms.step import StepForm
@@ -26,7 +27,7 @@ from dolfinx_llm.problem.arguments import problem_arguments, step_arguments
 from dolfinx_llm.problem.bulk import LinearBulk
 from dolfinx_llm.problem.following import Following
 from dolfinx_llm.problem.form_arguments import given_forms, in_order
-from dolfinx_llm.problem.memory import Memory, Remembering, Results
+from dolfinx_llm.problem.memory import Memory, Remembering
 from dolfinx_llm.problem.methods import ContactMethod
 from dolfinx_llm.problem.saving import SavedContact
 

@@ -16,11 +16,11 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.disposable import Disposable
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.contact.equations.state import ContactState
+from dolfinx_llm.contact.results.of_interfaces import Results
 from dolfinx_llm.contact.results.results import collect_results
 from dolfinx_llm.finite.own_laws.law_told import Kept
 from dolfinx_llm.finite.results import MovingInterfaceResult
 from dolfinx_llm.output.writing import writable_file
-from dolfinx_llm.problem.memory import Results
 from dolfinx_llm.problem.saved_results import arrays_of, result_of
 from dolfinx_llm.problem.state_file import (
     FORMAT,
