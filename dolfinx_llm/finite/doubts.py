@@ -14,7 +14,7 @@ from dolfinx_llm.finite.frame_side import on_mover
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact
 from dolfinx_llm.finite.pairs.normal_contact import OVER, NormalPlace
 from dolfinx_llm.finite.pairs.terms import ContactTerms, MovingContact, Place
-from dolfinx_llm.geometry.cells import areas_around, unit
+from dolfinx_llm.geometry.cells import areas_around, unit, unit_normals
 from dolfinx_llm.geometry.drawn import SHARP, angles_between
 from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.interface.against import checked_clearance
@@ -25,6 +25,7 @@ LEAPS = 10.0  # times as far as supports and obstacles have gone
 EDGE_IN = 0.1  # of a facet: deeper do not lie nodes of a frame behind facets that turn
 A_FACET = 1.0  # deeper lies what does not touch there
 EDGE_AWAY = 0.01  # of a facet: an edge so far off is not what presses beyond it
+LEANS = 0.1  # of the force, as it may lean by beside sharp edges that bend what they press
 BEYOND_SHARE = 0.01  # of the force on pairs, up to which such nodes do not matter
 
 
@@ -141,23 +142,31 @@ def beside_edge(contact: MovingContact, t: ContactTerms) -> list[str]:
 
 
 def rounded_off(contact: MovingContact, t: ContactTerms) -> list[str]:
-    """Of sharp edges of the frame, as drawn, on both sides of which something presses."""
+    """Of sharp edges of the frame, as drawn, where something presses on both sides, or beside them
+    with forces that lean: along the normal neither of the facet nor of what presses on it."""
     sides, place = contact.sides, _on_frame(contact, t)
     if place is None:
         return []
-    frame, on = sides.carrier, np.zeros(len(sides.carrier.facets), dtype=bool)
-    on[place.at.facet[t.status != OPEN]] = True
+    frame, facet, pressed = sides.carrier, place.at.facet, t.status != OPEN
     i, j, angle = angles_between(frame.x, frame.facets)
-    both = np.flatnonzero((angle > SHARP) & on[i] & on[j])
-    if not len(both):
+    i, j = i[angle > SHARP], j[angle > SHARP]
+    x, y = sides.split(place.z)
+    own = unit_normals(y, frame.facets)[facet], -unit(areas_around(x, sides.mover.skin))
+    lean = np.min([np.linalg.norm(place.normal - n, axis=1) for n in own], axis=0)
+    force = np.where(pressed, np.linalg.norm(sides.split(t.force)[0], axis=1), 0.0)
+    leaning = np.where(np.isin(facet, (i, j)), force * lean, 0.0)
+    both = np.isin(i, facet[pressed]) & np.isin(j, facet[pressed])
+    if not both.any() and leaning.sum() <= LEANS * force.sum():
         return []
-    node = np.intersect1d(frame.facets[i[both[0]]], frame.facets[j[both[0]]])[0]
-    place_of = checks.place(sides.split(place.z)[1][node] + frame.origin)
+    on = np.bincount(facet, leaning, len(frame.facets))
+    worst = int((on[i] + on[j]).argmax())
+    node = np.intersect1d(frame.facets[i[worst]], frame.facets[j[worst]])[0]
     return [
-        f"{sides.mover.name} on {frame.name}: presses on both sides of {len(both)} sharp edge(s) "
-        f"of {frame.name}, the first at {place_of}: normals turn along all of the facets beside "
-        "it, and forces there are not exact, and do work. Leave facets beyond sharp edges out of "
-        f"the tag of {sides.mover.name}, so that it carries the frame; else round the edge off"
+        f"{sides.mover.name} on {frame.name}: presses beside sharp edges of {frame.name}, most at "
+        f"{checks.place(y[node] + frame.origin)}: normals turn along all of the facets there, "
+        f"forces lean by {leaning.sum() / force.sum():.0%} of all that press, and do work. Leave "
+        f"facets beyond sharp edges out of the tag of {sides.mover.name}, so that it carries the "
+        "frame; else round the edges off"
     ]
 
 

@@ -2,6 +2,7 @@
 is told where both have some."""
 
 import logging
+import re
 
 import finite_patch
 import numpy as np
@@ -39,14 +40,20 @@ def barbed(x):
     return np.column_stack([x[:, 0], x[:, 1] + (2.0 * x[:, 1] + 1.0) * np.interp(x[:, 0], *CREST)])
 
 
+def stepped(x):
+    """A square's lower side, flat up to an edge of 50 degrees at (0.03, 0)."""
+    rise = np.tan(np.radians(50.0)) * (x[:, 0] - 0.03).clip(0)
+    return np.column_stack([x[:, 0], x[:, 1] + (1.0 - x[:, 1] / 1.2) * rise])
+
+
 class Ridge:
     """A stiff ridge over a soft block, of so many cells along x each, and of an order."""
 
-    def __init__(self, cells, move=None, swapped=False, degree=1, law=None, **options):
+    def __init__(self, cells, move=None, swapped=False, degree=1, law=None, ridge=wedge, **options):
         comm = MPI.COMM_SELF
         low = rectangle(comm, (cells[1], 4), (-1.0, -1.0), (1.0, 0.0), "quadrilateral", move=move)
         high = rectangle(
-            comm, (cells[0], 3), (-0.97, 0.0), (1.03, 1.2), "quadrilateral", move=wedge
+            comm, (cells[0], 3), (-0.97, 0.0), (1.03, 1.2), "quadrilateral", move=ridge
         )
         spaces = [compat.function_space(d, degree=degree, shape=(2,)) for d, _ in (high, low)]
         self.u, self.ends = ([fem.Function(V) for V in spaces] for _ in range(2))
@@ -129,9 +136,27 @@ def test_edges_of_both(cells, rounded, swapped, caplog):
         for down in (0.05, 0.12):
             assert scene.press(down)[2] > 0.1 * 2.0 / cells[1]
     assert len(caplog.messages) == 1 + rounded
-    told = {"between its nodes, by up to": True, "presses on both sides of 1 sharp edge": rounded}
+    told = {"between its nodes, by up to": True, "presses beside sharp edges of": rounded}
     for words, so in told.items():
         assert any(words in said for said in caplog.messages) == so
+
+
+@pytest.mark.parametrize("degree", [1, longer(2)])
+def test_flat_beside_an_edge(degree, caplog):
+    """A flat face up to an edge presses on a flat block, and nothing lies beyond the edge: without
+    friction nothing is to push along the faces. What does, as the block has edges elsewhere, is
+    told with its size; without those nothing does, and there is nothing to tell."""
+    pushed = []
+    for move in (chamfered, None):
+        scene = Ridge((4, 16), move, degree=degree, ridge=stepped)
+        with caplog.at_level(logging.WARNING, "dolfinx_llm"):
+            force = scene.press(0.02)[0].force.sum(axis=0)
+        pushed.append(abs(force[0] / force[1]))
+    (said,) = caplog.messages
+    assert "presses beside sharp edges of" in said
+    told = int(re.search(r"lean by (\d+)%", said)[1]) / 100.0
+    assert pushed[0] > 0.05 and told == pytest.approx(pushed[0], abs=0.05)
+    assert pushed[1] < 0.2 * pushed[0]
 
 
 @pytest.mark.parametrize("cells", [8, longer(12)])
