@@ -89,9 +89,13 @@ def bent_rows(
         found = _least_residual(frame, pairs, normals, keep, most)
         if found is not None:
             return found
+    apart = max(float(np.linalg.norm(p.gap, axis=1).max()) for p in pairs)
     raise ContactError(
         "design by weights: rows of the curved frame would need corrections above "
-        f"{NARROW:g}. Give bodies whose meshes along the interface are more alike, or finer"
+        f"{NARROW:g}. The surfaces lie up to {apart:.3g} apart, facets have the size "
+        f"{float(frame.cell_size.mean()):.3g}: leave what curves away from the other body and does "
+        "not touch it out of the tags. Else give bodies whose meshes along the interface are more "
+        "alike, or finer"
     )
 
 

@@ -21,7 +21,7 @@ THICKNESS = "give a positive number, or a function of positions (n, 2) that retu
 
 def check_thickness(given: Any) -> None:
     """Require a positive number, a function, or None."""
-    if not (given is None or callable(given)):
+    if given is not None and (hasattr(given, "ufl_shape") or not callable(given)):
         checks.number("thickness", given, THICKNESS, above=0.0)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
+from ufl.measure import integral_type_to_measure_name
 
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
@@ -49,6 +50,7 @@ def given_forms(count: int, value: Any, entity_maps: Any) -> list[ufl.Form]:
         ]
         if len(meshes) < count:
             checks.refuse(name, form, "its arguments must be of dolfinx function spaces")
+        check_parts(name, form)
         if entity_maps is not None:
             continue
         domains = {domain.ufl_id() for domain in form.ufl_domains()}
@@ -59,6 +61,24 @@ def given_forms(count: int, value: Any, entity_maps: Any) -> list[ufl.Form]:
                 "newer), where one is a submesh of the other"
             )
     return forms
+
+
+def check_parts(name: str, form: ufl.Form) -> None:
+    """Require tags for integrals over numbered parts: without, dolfinx takes them for zero."""
+    kinds = [(i.ufl_domain(), i.integral_type()) for i in form.integrals()]
+    tagged = {
+        kind
+        for kind, i in zip(kinds, form.integrals(), strict=True)
+        if i.subdomain_data() is not None
+    }
+    for kind, i in zip(kinds, form.integrals(), strict=True):
+        part = i.subdomain_id()
+        if kind not in tagged and not isinstance(part, str):
+            measure = integral_type_to_measure_name[kind[1]]
+            raise ContactInputError(
+                f"the form {name} has an integral over {measure}({part}), and no tags that tell "
+                f"where that is: give ufl.{measure}(subdomain_data=tags)"
+            )
 
 
 def _space_of(argument: Any) -> Any:

@@ -36,7 +36,7 @@ from dolfinx_llm.problem.arguments import (
     pressure_list,
 )
 from dolfinx_llm.problem.blocks import Blocks
-from dolfinx_llm.problem.form_arguments import check_meshes, check_positions, listed
+from dolfinx_llm.problem.form_arguments import check_meshes, check_parts, check_positions, listed
 
 RESIDUAL = "give a residual form in u and a test function, or a list of them, one per mesh"
 DERIVATIVE = "give the derivative of F, bilinear in the space of u, or a list of them, or None"
@@ -96,6 +96,7 @@ def nonlinear_arguments(
             checks.instance("F", form, ufl.Form, RESIDUAL)
             if len(form.arguments()) != 1:
                 checks.refuse("F", form, RESIDUAL)
+            check_parts("F", form)
         if len(forms) != len(functions):
             raise ContactInputError(
                 f"{len(forms)} forms F, {len(functions)} Functions u: {UNKNOWN}"

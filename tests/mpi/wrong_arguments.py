@@ -625,6 +625,13 @@ add(
     lambda s: s.problem(L=ufl.sqrt(s.v[0]) * ufl.dx),
 )
 add(
+    r"no tags that tell where that is: give ufl.d[sx]\(subdomain_data=tags\)",
+    lambda s: s.problem(L=s.v[0] * ufl.ds(4)),
+    lambda s: s.problem(L=s.v[0] * ufl.dx + s.v[0] * ufl.ds((4, 5))),
+    lambda s: s.problem(a=ufl.inner(s.u, s.v) * ufl.dx(1)),
+    lambda s: s.nonlinear(F=s.bent[3] - ufl.TestFunction(s.bent[2].function_space)[0] * ufl.ds(4)),
+)
+add(
     "bcs(: item)?=.*give a list of Dirichlet",
     *(lambda s, x=x: s.problem(bcs=x) for x in (None, "fixed", [None], 0)),
     lambda s: s.problem(bcs=[s.bcs]),

@@ -178,6 +178,7 @@ def test_what_is_no_thickness():
         (0.0, "thickness=0"), (lambda x: x[:, 0] - 2.0, "not positive"),
         (lambda x: np.sin(x[:, 0]) + 1.0, "linear"), (lambda x: x, "of shape"),
         ("1", "thickness='1'"), (float("nan"), "nan"),
+        (ufl.SpatialCoordinate(scene.spaces[0].mesh)[0], "or a function of positions"),
     ):  # fmt: skip
         with pytest.raises(llm.ContactInputError, match=words):
             scene.linear(llm.Tied(), thickness=thickness)
