@@ -38,6 +38,7 @@ NARROW = 0.15  # largest correction up to which stencils of one ring of nodes ar
 OUTER = 0.01  # weight of that ring: corrections far from a row's own nodes cost accuracy
 # Of refinement, for first and second order: rounds, and what each must leave at most.
 ROUNDS_MOST, SLOWER = (6, 40), (0.5, 0.98)
+RISES = 4  # rounds that leave more, by rounding, before what does not pass yet is given up
 RINGS = 4  # rings in the stencils of a side much coarser than the frame
 
 
@@ -196,12 +197,17 @@ def _corrected(
     designed: Sequence[csr_matrix] = N
     if high:
         designed = [M + matrix(d, m) for M, d, matrix in zip(N, delta, rows, strict=True)]
-    residual, last = loading.residual(designed), np.inf
-    for _ in range(ROUNDS_MOST[high]):  # the first solve, then refinement against rounding
-        left = float(np.linalg.norm(residual))
-        if np.abs(residual).max() <= 0.01 * TOLERANCE or not left < SLOWER[high] * last:
+    residual, least, best = loading.residual(designed), np.inf, designed
+    stalled, passes = 0, False
+    for done in range(ROUNDS_MOST[high] + 1):  # the first solve, then refinement against rounding
+        left, most = float(np.linalg.norm(residual)), np.abs(residual).max()
+        stalled = 0 if left < SLOWER[high] * least else stalled + 1
+        if left < least:
+            least, best, passes = left, designed, most <= TOLERANCE
+        if done == ROUNDS_MOST[high] or most <= 0.01 * TOLERANCE:
             break
-        last = left
+        if stalled > (0 if passes else RISES):
+            break
         mu = solve(without_compatible(residual.ravel(), parts)).reshape(m, -1)
         # Summed as corrections, not as multipliers: what rounding leaves the next round sees.
         step = corrections.under(mu)
@@ -221,4 +227,4 @@ def _corrected(
         delta = [a + b for a, b in zip(delta, step, strict=True)]
         designed = [M + matrix(d, m) for M, d, matrix in zip(N, delta, rows, strict=True)]
         residual = loading.residual(designed)
-    return designed
+    return best
