@@ -15,6 +15,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.contact.equations.equations import Equations
 from dolfinx_llm.contact.equations.state import BY_TURNS, GONE, InterfaceState
+from dolfinx_llm.contact.search.blind import require_sight
 from dolfinx_llm.laws.rows import SLIP, STICK
 
 FRICTIONLESS = 1e-2  # of the normal force that may be without friction: less than meshes cost
@@ -177,7 +178,7 @@ def _allowed(s: InterfaceState) -> float:
 
 def require_friction(states: list[InterfaceState], multiplier: Array) -> None:
     """Refuse a state in which more than the rim of contact has lost its friction, or friction of
-    pairs that slip far exceeds what presses, and cancels where the law holds.
+    pairs that slip far exceeds what presses, and cancels where the law holds, or none can pass.
 
     Args:
         states: of all interfaces.
@@ -186,6 +187,7 @@ def require_friction(states: list[InterfaceState], multiplier: Array) -> None:
     Raises:
         ContactError: it has; smaller load steps may help.
     """
+    require_sight(states, multiplier)
     for s in states:
         _require_even(s, multiplier)
     for s in too_loose(states, multiplier):
