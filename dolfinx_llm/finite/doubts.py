@@ -114,7 +114,7 @@ def deep(contact: MovingContact, t: ContactTerms) -> list[str]:
 
 def beside_edge(contact: MovingContact, t: ContactTerms) -> list[str]:
     """Of pairs that press beyond an edge of the frame, on what its facets go on to there, while the
-    edge itself is away from the other side; in the plane what presses is the edge: ``overhang``."""
+    edge itself is away from the other side; where facets are cut the edge presses: ``overhang``."""
     sides, place = contact.sides, _on_frame(contact, t)
     if place is None or place.overhang is not None or contact.overlaps:
         return []

@@ -175,12 +175,11 @@ def pressed(name, law=None, mu=0.3):
     q[:n] = force
     if law is not None:  # it has gone along from elsewhere, and carries some friction
         start = contact.place(z + 0.02 * rng.standard_normal(len(z)), q, held)
-        held = replace(
-            held, origin=Origin(contact.here(start), start.gap, np.ones(n, dtype=bool)), scale=5.0
-        )
+        held = replace(held, origin=Origin(start.N, start.gap, np.ones(n, dtype=bool)), scale=5.0)
         tau, place = 0.2 * rng.standard_normal((n, sides.gdim)), contact.place(z, q, held)
         if law == SLIP:  # where the law holds the derivative is exact
-            way = in_plane(place.normal, contact.way(place, held.origin)[0])
+            x, y = sides.split(z)
+            way = in_plane(place.normal, sides.control[0] @ x - start.N @ y)
             bound = mu * force + contact.cohesion * place.areas[0]
             tau = way * (bound / np.linalg.norm(way, axis=1))[:, None]
         if law == SLIP or contact.size == n + sum(contact.counts[1:]) + tau.size:

@@ -187,7 +187,6 @@ def require_friction(states: list[InterfaceState], multiplier: Array) -> None:
     Raises:
         ContactError: it has; smaller load steps may help.
     """
-    require_sight(states, multiplier)
     for s in states:
         _require_even(s, multiplier)
     for s in too_loose(states, multiplier):
@@ -197,6 +196,7 @@ def require_friction(states: list[InterfaceState], multiplier: Array) -> None:
             f"force (allowed {_allowed(s):.0%}). Apply the load in smaller steps "
             "(solve(increments=...)), or use a finer mesh where contact ends"
         )
+    require_sight(states, multiplier)
 
 
 def _require_even(s: InterfaceState, multiplier: Array) -> None:

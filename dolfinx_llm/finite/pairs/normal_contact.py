@@ -260,7 +260,7 @@ class NormalContact(SlidesOnFrame):
         # Forces, and how they change.
         borne = np.where(active[on], force[on], 0.0)
         lam = place.C.T @ borne  # at the nodes
-        along = (sides.control[0].T @ place.of_pairs(self.along(q, status)))[on]
+        along = sides.control[0][:, on].T @ self.along(q, status)
         spread = place.spread(lam[:, None] * normal - along)
         K = -(spread @ by_place + place.swung(lam))
         if place.overhang is not None:

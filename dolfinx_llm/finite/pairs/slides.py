@@ -16,10 +16,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix, hstack
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import diagonal, per_component, summing
+from dolfinx_llm.base.sparse import diagonal, summing
 from dolfinx_llm.finite.frame.location import OnFrame
 from dolfinx_llm.finite.pairs.friction_law import in_plane
 from dolfinx_llm.finite.pairs.terms import Held, MovingContact, Origin
@@ -106,7 +106,7 @@ class Slides(MovingContact):
 
 
 class SlidesOnFrame(Slides):
-    """On a frame; points are written as rows (n, n + m) that say how far pairs are from them."""
+    """On a frame; points of it are written as rows (n, m)."""
 
     design: Any
 
@@ -117,7 +117,7 @@ class SlidesOnFrame(Slides):
     def started(self, place: Any, held: Held, closed: Array) -> Origin:
         """Where slip counts from, at the start of an increment; nodes beyond the frame's rim lie on
         its continuation, so that one that comes in knows from where."""
-        at, (n, m), C = place.at, place.N.shape, place.at_pairs(self.sides.control[0])
+        at, (n, m), C = place.at, place.N.shape, self.sides.control[0]
         near = at.met & (at.beyond < COMES_IN)
         near[place.on] = False
         nodes = np.flatnonzero(near)
@@ -129,26 +129,25 @@ class SlidesOnFrame(Slides):
         outside = (abs(C) @ ~near == 0.0) & ~place.pairs
         gap = np.where(outside, C @ at.gap, place.gap)
         gap[gap < np.where(outside, CONTINUED, MET_AT) * self.design.size] = 0.0
-        there = hstack([csr_matrix((n, n)), diagonal(outside) @ C @ rows])
-        return Origin((self.here(place) - there).tocsr(), gap, closed)
+        points = self.here(place) + diagonal(outside) @ C @ rows
+        return Origin(points.tocsr(), gap, closed)
 
     def here(self, place: Any) -> csr_matrix:
-        """(n, n + m) rows now, to points straight below the pairs. At second order those of control
+        """(n, m) rows now, of points straight below the pairs. At second order those of control
         values do not lie there where normals turn: each node of which a pair is made is off its own
         row's place along its own normal."""
-        N, C = place.N, self.sides.control[0]
-        if self.design.element.order > 1:
-            x, y = self.sides.split(place.z)
-            beside = np.where(place.pairs[:, None], in_plane(place.normal, C @ x - N @ y), 0.0)
-            N = N + self.written(place, beside)
-        own, N = place.at_pairs(C), diagonal(place.pairs) @ place.at_pairs(N)
-        return hstack([own, -N], format="csr")
+        if self.design.element.order == 1:
+            found: csr_matrix = place.N
+            return found
+        x, y = self.sides.split(place.z)
+        beside = self.sides.control[0] @ x - place.N @ y
+        beside = np.where(place.pairs[:, None], in_plane(place.normal, beside), 0.0)
+        return (place.N + self.written(place, beside)).tocsr()
 
     def way(self, place: Any, origin: Origin) -> tuple[Array, csr_matrix]:
-        way = origin.points @ np.concatenate(self.sides.split(place.z))
-        n = origin.points.shape[0]
-        parts = self.sides.in_order(origin.points[:, :n], origin.points[:, n:])
-        return way, per_component(hstack(parts, format="csr"), self.sides.gdim)
+        x, y = self.sides.split(place.z)
+        way = self.sides.control[0] @ x - origin.points @ y
+        return way, self.sides.jumps(origin.points)
 
     def written(self, place: Any, slip: Array) -> csr_matrix:
         """(n, m) rows D: in the tangent plane sum_J D_pJ y_J is the slip; they are derivatives of

@@ -72,10 +72,6 @@ class Place:
         """(n gdim, c) of pairs, of the same at control values."""
         return values if self.overhang is None else per_component(self.overhang.S, gdim) @ values
 
-    def of_pairs(self, force: Array) -> Array:
-        """(n, ...) forces at control values, of those of pairs [force]."""
-        return force if self.overhang is None else self.overhang.S.T @ force
-
     @property
     def pairs(self) -> Array:
         """(n,) which nodes of the moving side can touch."""
