@@ -114,9 +114,9 @@ def deep(contact: MovingContact, t: ContactTerms) -> list[str]:
 
 def beside_edge(contact: MovingContact, t: ContactTerms) -> list[str]:
     """Of pairs that press beyond an edge of the frame, on what its facets go on to there, while the
-    edge itself is away from the other side; where facets are cut the edge presses: ``overhang``."""
+    edge itself is away from the other side."""
     sides, place = contact.sides, _on_frame(contact, t)
-    if place is None or place.overhang is not None or contact.overlaps:
+    if place is None or contact.overlaps:
         return []
     out = (t.status != OPEN) & place.at.met & (place.at.beyond > OVER)
     force = np.linalg.norm(sides.split(t.force)[0], axis=1)

@@ -205,10 +205,7 @@ class Follower:
         if self.sides is None:
             return np.asarray(closed[self.surfaces[0].cells].all(axis=1))
         found, cells = self.sides.candidates(z), self.sides.mover.cells
-        meeting = self.sides.meet(z, found)
-        beyond, over = meeting.at.beyond > INSIDE, meeting.overhang
-        if over is not None:
-            closed = over.at_nodes(closed)
+        beyond = self.sides.meet(z, found).at.beyond > INSIDE
         return found & (closed | beyond)[cells].all(axis=1) & closed[cells].any(axis=1)
 
     def _covered(self, z: Array, every: Covered, held: Covering) -> list[Covered]:
