@@ -68,17 +68,15 @@ def _clearance(contact: MovingContact, z: Array, now: Place) -> tuple[float, Arr
     """Least distance of two sides at coordinates z, inf where they do not face each other, and
     where that is; of an obstacle as drawn, or where pairs are now."""
     sides = contact.sides
-    x = z.reshape(-1, sides.gdim) if isinstance(contact, ObstacleContact) else sides.split(z)[0]
-    if not isinstance(contact, ObstacleContact):
-        y, outward = sides.split(z)[1], sides.outward(z)
-        at = find_on_frame(x, y, sides.carrier.cells, outward)
+    if isinstance(contact, ObstacleContact):
+        x = z.reshape(-1, sides.gdim)
+        gap = now.gap if z is now.z else checked_clearance(contact.obstacle, x)[0]
+    else:
+        x, y = sides.split(z)
+        at = find_on_frame(x, y, sides.carrier.cells, sides.outward(z))
         own = unit(areas_around(x, sides.mover.skin))
         faces = np.einsum("ni,ni->n", own, at.normal) < -np.cos(TURN)
         gap = np.where(at.met & (at.beyond < INSIDE) & faces, at.gap, np.inf)
-    elif z is now.z:
-        gap = now.gap
-    else:
-        gap = checked_clearance(contact.obstacle, x)[0]
     nearest = int(gap.argmin())
     return float(gap[nearest]), x[nearest] + sides.surfaces[0].origin
 
@@ -150,6 +148,8 @@ def rounded_off(contact: MovingContact, t: ContactTerms) -> list[str]:
     frame, facet, pressed = sides.carrier, place.at.facet, t.status != OPEN
     i, j, angle = angles_between(frame.x, frame.facets)
     i, j = i[angle > SHARP], j[angle > SHARP]
+    if not len(i):
+        return []
     x, y = sides.split(place.z)
     own = unit_normals(y, frame.facets)[facet], -unit(areas_around(x, sides.mover.skin))
     lean = np.min([np.linalg.norm(place.normal - n, axis=1) for n in own], axis=0)
@@ -158,13 +158,14 @@ def rounded_off(contact: MovingContact, t: ContactTerms) -> list[str]:
     both = np.isin(i, facet[pressed]) & np.isin(j, facet[pressed])
     if not both.any() and leaning.sum() <= LEANS * force.sum():
         return []
+    share = leaning.sum() / force.sum() if force.any() else 0.0
     on = np.bincount(facet, leaning, len(frame.facets))
     worst = int((on[i] + on[j]).argmax())
     node = np.intersect1d(frame.facets[i[worst]], frame.facets[j[worst]])[0]
     return [
         f"{sides.mover.name} on {frame.name}: presses beside sharp edges of {frame.name}, most at "
         f"{checks.place(y[node] + frame.origin)}: normals turn along all of the facets there, "
-        f"forces lean by {leaning.sum() / force.sum():.0%} of all that press, and do work. Leave "
+        f"forces lean by {share:.0%} of all that press, and do work. Leave "
         f"facets beyond sharp edges out of the tag of {sides.mover.name}, so that it carries the "
         "frame; else round the edges off"
     ]

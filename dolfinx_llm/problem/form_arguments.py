@@ -65,16 +65,12 @@ def given_forms(count: int, value: Any, entity_maps: Any) -> list[ufl.Form]:
 
 def check_parts(name: str, form: ufl.Form) -> None:
     """Require tags for integrals over numbered parts: without, dolfinx takes them for zero."""
-    kinds = [(i.ufl_domain(), i.integral_type()) for i in form.integrals()]
-    tagged = {
-        kind
-        for kind, i in zip(kinds, form.integrals(), strict=True)
-        if i.subdomain_data() is not None
-    }
-    for kind, i in zip(kinds, form.integrals(), strict=True):
-        part = i.subdomain_id()
-        if kind not in tagged and not isinstance(part, str):
-            measure = integral_type_to_measure_name[kind[1]]
+    tagged = [i for i in form.integrals() if i.subdomain_data() is not None]
+    kinds = {(i.ufl_domain(), i.integral_type()) for i in tagged}
+    for i in form.integrals():
+        part, kind = i.subdomain_id(), i.integral_type()
+        if (i.ufl_domain(), kind) not in kinds and not isinstance(part, str):
+            measure = integral_type_to_measure_name[kind]
             raise ContactInputError(
                 f"the form {name} has an integral over {measure}({part}), and no tags that tell "
                 f"where that is: give ufl.{measure}(subdomain_data=tags)"

@@ -64,8 +64,9 @@ def require_sight(states: Sequence[InterfaceState], multiplier: Array) -> None:
     Raises:
         ContactError: it is.
     """
+    little = BEARS_LITTLE * np.abs(multiplier).max(initial=0.0)
     for s in states:
-        if np.abs(multiplier[s.nodes.rows][:, -1]).sum() <= BEARS_LITTLE * np.abs(multiplier).max():
+        if np.abs(multiplier[s.nodes.rows][:, -1]).sum() <= little:
             continue
         if (share := blind_share(s, multiplier)) > BLIND:
             raise ContactError(
