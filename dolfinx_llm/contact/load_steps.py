@@ -152,8 +152,7 @@ def _judged(iteration: ContactIteration, found: StepResult, f: Array, g: Array) 
     unheld = equations.imbalance(multiplier, found.w)
     verdict = Verdict(0.0, 0.0)  # where free dofs carry no force
     # Gaps that may close are differences of positions, whose rounding is no force.
-    bodies = operators.bodies
-    positions = 0.0 if operators.tied else max(size(bodies.low), size(bodies.high))
+    positions = 0.0 if operators.tied else operators.bodies.farthest
     far = stiffness * max(moved, size(g), positions)
     if beyond(max(left, unheld, iteration.forces), far):
         # Where next to nothing presses frames are left with it.

@@ -142,6 +142,7 @@ class Bodies:
         # Numbered by position, so that messages do not depend on the number of ranks.
         order = np.lexsort(np.concatenate([high.T[::-1], low.T[::-1]]).round(12))
         self.low, self.high = low[order], high[order]
+        self.farthest = float(max(np.abs(low).max(), np.abs(high).max()))
         self.label, self.points = np.argsort(order)[label], x
         sizes = [V.dofmap.index_map.size_local for V in spaces]
         for space, surface in controlled:

@@ -5,6 +5,7 @@ the surface. No force closes such a gap: by one form forces would grow from iter
 the other's equations have no solution. Or frame nodes there, which corrected rows push along the
 surface, run away. So pairs that tell the frame all, hold it there, and the others are left out. On
 flat surfaces all say the same, and share forces, but where supports press bodies into each other.
+Where they press a body into an obstacle its pairs there are left out: supports bear all.
 """
 
 from __future__ import annotations
@@ -28,6 +29,48 @@ TIE = 1e-3  # that the side with more of the frame's nodes is ahead by
 FITS = 30  # after which all counts that rows tell by more than ``SAID``, and hardly what by less
 
 
+class HeldRows:
+    """Normal rows whose motion supports prescribe, of interfaces that may open.
+
+    Args:
+        operators: of the interfaces.
+        normal: (n,) normal rows of such interfaces.
+        L: (n, m) motion of frames, obstacles and slips as rows see it.
+        drifts: (m,) normal motion of frames.
+    """
+
+    def __init__(
+        self, operators: ContactOperators, normal: Array, L: csr_matrix, drifts: Array
+    ) -> None:
+        self._none, self._positions = np.zeros(len(normal), dtype=bool), operators.bodies.farthest
+        both = np.flatnonzero(operators.both & normal)
+        self._both = ClampedRows(operators, both, L[both][:, drifts]) if len(both) else None
+        # On obstacles that no force moves.
+        self._alone = operators.soft & normal & (L.getnnz(axis=1) == 0)
+
+    def hold(self, states: Sequence[InterfaceState], g: Array) -> Array:
+        """(n,) rows that are left out in a load step: of both sides where others hold the frame,
+        and of nodes in an obstacle.
+
+        Args:
+            states: of the interfaces.
+            g: (n,) gaps, where supports have moved [length].
+        """
+        left_out = self._both.hold(states, g) if self._both else self._none
+        inside = self._alone & (g > _rounding(g, self._positions))
+        for s in states:
+            normal = s.nodes.rows[:, -1]
+            if self._alone[normal].any():
+                s.overlap = float(np.where(inside, g, 0.0)[normal].max())
+                s.touch(s.own.active & ~inside[normal])
+        return left_out | inside
+
+
+def _rounding(g: Array, positions: float) -> float:
+    """Of gaps g [length]."""
+    return max(ROUNDED_PART * float(np.abs(g).max(initial=0.0)), FLUSH * positions)
+
+
 class ClampedRows:
     """Normal rows whose motion is prescribed on both sides, of interfaces that may open.
 
@@ -44,8 +87,7 @@ class ClampedRows:
         self._side = np.repeat(np.arange(len(each)), each)[rows]
         self._curved = np.asarray(curved)[self._side]
         self._told = told[:, np.unique(told.indices)]
-        bodies = operators.bodies
-        self._positions = max(np.abs(a).max(initial=0.0) for a in (bodies.low, bodies.high))
+        self._positions = operators.bodies.farthest
 
     def hold(self, states: Sequence[InterfaceState], g: Array) -> Array:
         """Hold frames where bodies meet so, in a load step; (n,) rows that are left out.
@@ -56,7 +98,7 @@ class ClampedRows:
         """
         left_out, holding, overlap = (np.zeros(len(g), dtype=of) for of in (bool, bool, float))
         missed = chosen(self._comm, lambda: self._missed(g[self._rows]))
-        rounding = max(ROUNDED_PART * np.abs(g).max(), FLUSH * self._positions)
+        rounding = _rounding(g, self._positions)
         meets = missed > np.where(self._curved, -rounding, rounding)
         for holds, others in self._pieces if meets.any() else []:
             own = np.concatenate([holds, others])

@@ -27,7 +27,7 @@ from dolfinx_llm.base.sparse import (
     symmetric_factors,
 )
 from dolfinx_llm.contact.equations.at_supports import borne
-from dolfinx_llm.contact.equations.clamped import ClampedRows
+from dolfinx_llm.contact.equations.clamped import HeldRows
 from dolfinx_llm.contact.equations.friction_nodes import friction_nodes
 from dolfinx_llm.contact.equations.prescribed_slip import rows_of, told
 from dolfinx_llm.contact.equations.proximal import FrameRows
@@ -115,13 +115,11 @@ class Equations:
         not the frames, which go anywhere between bodies that are apart."""
         self.idle, self.start, self.g = 0.0, multiplier, g
         self.least = LEAST_FELT * self.scale * moved
-        if (self.operators.both & self.normal).any():
-            self.left_out = self._clamped.hold(self.states, g)
+        self.left_out = self._held.hold(self.states, g)
 
     @cached_property
-    def _clamped(self) -> ClampedRows:
-        rows = np.flatnonzero(self.operators.both & self.normal)
-        return ClampedRows(self.operators, rows, self.L[rows][:, self.drifts])
+    def _held(self) -> HeldRows:
+        return HeldRows(self.operators, self.normal, self.L, self.drifts)
 
     def frame_loads(self) -> Array:
         """(n_v,) loads on the frame unknowns that are prescribed now [force], or an error."""

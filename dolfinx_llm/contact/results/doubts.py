@@ -71,8 +71,8 @@ def doubts(
             )
         out += _rough(state.nodes.geometry, result)
         _check_tool(state.nodes.geometry, result)
-    for geometry, result in zip(geometries, results, strict=True):
-        out += [] if in_time else _apart(geometry, result)
+    for state, geometry, result in zip(iteration.states, geometries, results, strict=True):
+        out += [] if in_time or state.overlap else _apart(geometry, result)
         out += _uncertain_gaps(geometry, result)
         for pairs, side, rim in zip(geometry.pairs, result.sides, geometry.rims, strict=True):
             reached, total = side.normal_force[rim].sum(), side.normal_force.sum()
@@ -105,10 +105,16 @@ def doubts(
 
 
 def _held_in_each_other(state: InterfaceState) -> list[str]:
-    """Bodies that overlap where supports hold both."""
+    """Bodies that overlap, or are in an obstacle, where supports hold all."""
     geometry, count = state.nodes.geometry, int(state.clamped.sum())
     if not state.overlap > HELD_IN * max(_facet_size(pairs) for pairs in geometry.pairs):
         return []
+    if geometry.rigid:
+        return [
+            f"interface {geometry.interface.name}: supports hold nodes in the obstacle, by up to "
+            f"{state.overlap:.2g}: it exerts no force there, and supports bear all. Leave their "
+            "motion free, or move the obstacle"
+        ]
     return [
         f"interface {geometry.interface.name}: supports hold both sides at {count} node(s), in "
         f"each other by up to {state.overlap:.2g}: forces there are what supports make of it. "
