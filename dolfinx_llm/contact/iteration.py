@@ -86,6 +86,12 @@ class ContactIteration:
         self.equations.loads = reached.loads
         take_back(self.states, reached.states)
 
+    def stay(self, stays: bool) -> None:
+        """Whether pairs that press, by more than rounding, stay in contact in the load step."""
+        for s in self.states:
+            if s.law.opens and (s.law.shares or not s.nodes.kappa.size):
+                s.stays = (self.multiplier[s.nodes.rows[:, -1]] > self.rounding) & stays
+
     def accept(self, found: StepResult, g: Array) -> None:
         """End a load step: what has slipped is the reference of the next."""
         fitted = self.equations.middle(found.y + g, found.w)

@@ -36,15 +36,17 @@ SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
 
 
 def advance(
-    iteration: ContactIteration, f: Array, g: Array, increments: int
+    iteration: ContactIteration, f: Array, g: Array, increments: int, instead: Callable[[], str]
 ) -> tuple[Array, Array, Array, Reached]:
-    """One load step to this rank's load f and gaps g, in parts; halved where one fails.
+    """One load step to this rank's load f and gaps g, in parts; where one fails another form goes
+    on, if there is one, else halves.
 
     Args:
         iteration: where the last load step ended.
         f: (n_local,) prescribed values at fixed dofs [force, length].
         g: (n,) [length].
         increments: equal parts to begin with.
+        instead: have another form solve steps from now on, and say which; "" if none is left.
 
     Returns:
         u of this rank, λ (n,), the frames' displacement (n_v,), and the ``snapshot`` where the last
@@ -58,7 +60,7 @@ def advance(
     start = iteration.f, iteration.g, equations.loads
     end = f, g, equations.frame_loads()
     tied = iteration.operators.tied  # a part is as hard as the whole
-    done, part = 0.0, 1.0 if tied else 1.0 / increments
+    done, part, tried = 0.0, 1.0 if tied else 1.0 / increments, ""
     for state in iteration.states:
         state.read()
     # Loads that go back to zero leave rounding of those at the start.
@@ -79,11 +81,14 @@ def advance(
                 raise
             if told := falls():
                 raise told from failed
+            iteration.restore(before)
+            if other := instead():
+                tried = f"{failed}. {other}: "
+                continue
             if part <= SMALLEST / increments:
                 raise ContactError(
-                    f"{failed}. Parts down to {part:.3g} of the step did not help"
+                    f"{tried}{failed}. Parts down to {part:.3g} of the step did not help"
                 ) from failed
-            iteration.restore(before)
             take_back(iteration.states, untied(iteration.states))
             part /= 2.0
             log.info("no convergence: the load is applied in parts of %.3g", part)

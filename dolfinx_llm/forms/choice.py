@@ -59,6 +59,15 @@ def choose_solver(
     return asked, "as asked"
 
 
+def may_ask_once(form: str | StepForm, operators: ContactOperators) -> bool:
+    """Whether bodies of a symmetric stiffness may be asked once where contact comes to no rest in
+    another form: which pairs press is solved for exactly then, however many change; collective."""
+    if form not in ("saddle", "condensed") or not _asks(operators):
+        return False
+    needed = costs(Scene.of(operators))["flexibility"].gigabytes
+    return needed <= operators.comm.allreduce(_memory(), op=min)
+
+
 def _by_cost(symmetric: bool, operators: ContactOperators, steps: int) -> tuple[str, str]:
     """The form of least work of those that serve and fit into memory, with what all cost."""
     scene = Scene.of(operators, steps)

@@ -66,7 +66,6 @@ class Following:
         """What the method works with, in the form that suits."""
         self.scale, self.unknowns = self.operators.scale, self.operators.counts
         form, why = choose_solver(self.solver, self.K, self.operators, self.steps_expected)
-        self.form = form if isinstance(form, str) else form.name
         return Setting(form, self.bulk, self.operators, *self._petsc, self.times, why)
 
     def update(self) -> None:

@@ -2,27 +2,28 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.base.log import progress
+from dolfinx_llm.base.log import progress, warn
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.load_steps import advance
 from dolfinx_llm.contact.results.path_dependence import from_the_past
 from dolfinx_llm.contact.search.circles import UNSETTLED
-from dolfinx_llm.forms.choice import form_named
+from dolfinx_llm.forms.choice import form_named, may_ask_once
 from dolfinx_llm.forms.step import StepForm
 from dolfinx_llm.operators.petsc import is_symmetric, times
 from dolfinx_llm.operators.reactions import with_reactions
 from dolfinx_llm.operators.system import ContactOperators
 from dolfinx_llm.problem.bulk import LinearBulk
 
+ASKED_ONCE = "bodies are asked once from now on, as contact came to no rest"
 TIGHT = 1e-9  # relative tolerance of linear steps by which laws still come to rest
 
 
@@ -37,6 +38,17 @@ class Setting:
     options: dict[str, Any] | None  # PETSc options
     times: StageTimes
     why: str  # this form
+
+    def asking_once(self) -> "Setting | None":
+        """For contact that comes to no rest; None where options say how steps are solved, or the
+        bodies cannot be asked once. A warning says that they are."""
+        if self.options or not may_ask_once(self.form, self.operators):
+            return None
+        if not is_symmetric(self.bulk.K, self.operators.diagonal):
+            return None
+        why = f"solver {self.form!r}: {ASKED_ONCE}"
+        warn(self.operators.comm, [why], [])
+        return replace(self, form="flexibility", why=why)
 
 
 @contextmanager
@@ -97,8 +109,7 @@ class ContactMethod:
 
     def renew(self, setting: Setting, keep: bool = False) -> None:
         """Work with another stiffness or other operators; ``keep``: go on from the state of contact
-        and from the displacement that there were, held by the load that it takes with the new
-        stiffness."""
+        and the displacement that there were, held by the load that it takes then."""
         self.destroy()
         self._use(setting)
         if not keep:
@@ -106,11 +117,8 @@ class ContactMethod:
 
     def prepare(self) -> None:
         """Set up what load steps need, which the first of them does otherwise; collective."""
-        if not self._ready:
-            self._set_up()
-
-    def _set_up(self) -> None:
-        """The form, and an iteration that goes on from the one before, if there is one."""
+        if self._ready:
+            return
         bulk, operators = self.setting.bulk, self.setting.operators
         before, at_rest = self.iteration, np.zeros(len(operators.dofs.fixed))
         known = before is not None and before.multiplier is not None and not operators.tied
@@ -153,10 +161,7 @@ class ContactMethod:
                 "problem an object of its own"
             )
         if self.in_time and self.iteration.multiplier is not None:
-            for state in self.states:
-                if state.law.opens and (state.law.shares or not state.nodes.kappa.size):
-                    force = self.iteration.multiplier[state.nodes.rows[:, -1]]
-                    state.stays = (force > self.iteration.rounding) & (not self.starts)
+            self.iteration.stay(not self.starts)
         motions = operators.obstacle_motions()
         g = self._gaps(f, motions)
         stage = "solve" if operators.tied else "iteration of contact laws"
@@ -164,7 +169,7 @@ class ContactMethod:
             with nullcontext() if operators.tied else progress(None, stage) as self.iteration.bar:
                 self._began = None
                 with _naming_tolerance(self.setting.options):
-                    u, multiplier, v, began = advance(self.iteration, f, g, increments)
+                    u, multiplier, v, began = advance(self.iteration, f, g, increments, self._other)
         self._last, self._began = (u, motions), began
         multiplier = self.iteration.equations.with_supports(multiplier, self.iteration.w)
         if operators.held.any() or (operators.interfaces_at > 1).any():
@@ -173,6 +178,15 @@ class ContactMethod:
             multiplier = with_reactions(operators, multiplier, v, u, force, friction)
         self._reported = multiplier
         return u, multiplier, v
+
+    def _other(self) -> str:
+        """Have another form solve steps from now on, and say which; "" if there is none."""
+        if self.in_time or not (setting := self.setting.asking_once()):
+            return ""
+        self.renew(setting, keep=True)
+        self.form.prepare(setting.bulk.K, setting.operators)
+        self.iteration.form, self._ready = self.form, True
+        return setting.why
 
     def pushed(self) -> Array:
         """(n_local,) -B λ of the last solve [force]."""

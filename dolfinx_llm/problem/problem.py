@@ -141,6 +141,11 @@ class ContactProblem(Remembering, Following, Differentiable, Pictured, SavedCont
         self._remains = Remains([V.mesh for V in self.spaces])
 
     @property
+    def form(self) -> str:
+        """See the attributes above."""
+        return self.method.form.name
+
+    @property
     def u(self) -> Any:
         """The displacement of the last ``solve``, as it was returned: a Function, or a list.
 

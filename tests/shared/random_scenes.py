@@ -450,9 +450,9 @@ class Posed:
             solver=solver,
             **options,
         )
-        if self.solver == "sparse":
-            if self.problem.form == "flexibility":
-                self.problem.form = "saddle"
+        if self.solver == "sparse" and self.problem.form == "flexibility":
+            method = self.problem.method
+            method.renew(replace(method.setting, form="saddle"))
         return self.problem
 
     def set_step(self, step):
