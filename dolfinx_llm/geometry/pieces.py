@@ -36,6 +36,8 @@ class Piece:
     edges: int  # sharp edges inside of it
     weights: tuple[Array, Array] | None = None  # (k_i,) of the facets' areas in the
     # normal of surfaces that may part; None: tied, or curved
+    cut: tuple[Array, Array] | None = None  # of each side (n_i,) nodes where facets were left
+    # out as too far away; None: all that face each other are there
 
     def parts(self, sides: Sequence[Surface]) -> tuple[Surface, Surface]:
         """Both sides' surfaces of this piece alone."""

@@ -39,12 +39,8 @@ from dolfinx_llm.interface.control import in_control_values, with_control
 from dolfinx_llm.interface.frames import choose_frame, common_order, move_nodes
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.interface.join import Part, joined, whole_piece
-from dolfinx_llm.interface.rows import (
-    balanced,
-    bent_pairs,
-    designed,
-    say_left,
-)
+from dolfinx_llm.interface.nearer import balanced_parts
+from dolfinx_llm.interface.rows import balanced, bent_pairs, designed, say_left
 from dolfinx_llm.interface.shared import check_pairs, shared_by, shared_nodes
 from dolfinx_llm.interface.site import Site, check_order, find_site, say_straight, with_law
 from dolfinx_llm.interface.supports import in_supports_planes, kept_nodes, straight
@@ -103,11 +99,24 @@ def _find_parts(site: Site, notes: list[str], clock: Clock) -> tuple[Any, ...]:
     pieces, rims = find_pieces(whole, interface.law.opens, interface.name, notes)
     if len(pieces) > 1 and interface.frame is not None:
         pieces = [whole_piece(pieces)]
-    site = with_law(with_carrier(site, pieces), any(piece.plane is None for piece in pieces))
-    if interface.frame is None:
-        pieces = [part for piece in pieces for part in separated(piece, whole)]
-        site = replace(site, shared=shared_by(pieces, site))
     clock.stop("facing facets")
+    site, parts, said = balanced_parts(site, pieces, partial(_build_parts, site, clock))
+    notes += say_carrier(site) + said
+    for part in parts:
+        if part.piece.plane is None and site.prescribed is None:
+            say_left(interface, part, notes)
+    of_pieces = {name: getattr(site, name) for name in ("shared", "carrier", "prescribed")}
+    return parts, rims, of_pieces, notes, clock
+
+
+def _build_parts(
+    site: Site, clock: Clock, pieces: Sequence[Piece]
+) -> tuple[Site, list[Part], list[str]]:
+    """The site with what follows from pieces that touch, and ``_build_pieces``."""
+    site = with_law(with_carrier(site, pieces), any(piece.plane is None for piece in pieces))
+    if site.interface.frame is None:
+        pieces = [part for piece in pieces for part in separated(piece, site.whole)]
+        site = replace(site, shared=shared_by(pieces, site))
     parts, said = _build_pieces(site, pieces, clock)
     if (other := with_other_carrier(site, parts)) is not None:
         with suppress(ContactError):  # a frame there may not do
@@ -115,12 +124,7 @@ def _find_parts(site: Site, notes: list[str], clock: Clock) -> tuple[Any, ...]:
             if residual_of(again[0]) < residual_of(parts):
                 site, (parts, said) = other, again
     check_carried(site, parts)
-    notes += say_carrier(site) + said
-    for part in parts:
-        if part.piece.plane is None and site.prescribed is None:
-            say_left(interface, part, notes)
-    of_pieces = {name: getattr(site, name) for name in ("shared", "carrier", "prescribed")}
-    return parts, rims, of_pieces, notes, clock
+    return site, parts, said
 
 
 def _build_pieces(

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.checks import place
+from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.results.results import InterfaceResult
@@ -27,6 +29,7 @@ UNTIED_SHARE = 1e-2  # the same, on pairs that have none from the start of a loa
 # friction on pairs that do not press
 UNEVEN = 2.0  # friction of a side's nodes over that of the law's, where all slip
 CARRIES = 1e-10  # of the largest force in the load step: an interface with less carries none
+CUT_SHARE = 1e-2  # of the normal force, next to facets that were left out as too far away
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
 UNCERTAIN = 0.2  # part of the bodies' motion to which gaps must be known
 
@@ -42,7 +45,8 @@ def doubts(
     do not touch.
 
     Raises:
-        ContactError: what presses lies beside a tool; the same on every rank.
+        ContactError: what presses lies beside a tool, or next to what was left out as too far
+            away; the same on every rank.
     """
     out = []
     for state, result in zip(iteration.states, results, strict=True):
@@ -71,6 +75,7 @@ def doubts(
             )
         out += _rough(state.nodes.geometry, result)
         _check_tool(state.nodes.geometry, result)
+        _check_cuts(state.nodes.geometry, result)
     for state, geometry, result in zip(iteration.states, geometries, results, strict=True):
         out += [] if in_time or state.overlap else _apart(geometry, result)
         out += _uncertain_gaps(geometry, result)
@@ -167,6 +172,25 @@ def _check_tool(geometry: InterfaceGeometry, result: InterfaceResult) -> None:
     if geometry.site.prescribed is not None:
         names, forces = [s.name for s in geometry.sides], [s.pressing for s in result.sides]
         check_beside(geometry.interface.name, names, forces, geometry.site.prescribed)
+
+
+def _check_cuts(geometry: InterfaceGeometry, result: InterfaceResult) -> None:
+    """Require contact that ends before facets that were left out as too far away."""
+    for part in geometry.parts:
+        if part.piece.cut is None:
+            continue
+        both = zip(geometry.pairs, result.sides, geometry.site.whole, part.piece.cut, strict=True)
+        for pairs, side, whole, cut in both:
+            reached = np.where(np.isin(pairs.dofs, whole.dofs[cut]), side.pressing, 0.0)
+            share = reached.sum() / max(side.pressing.sum(), 1e-300)
+            if share > CUT_SHARE:
+                raise ContactError(
+                    f"interface {geometry.interface.name}: contact reaches facets of "
+                    f"{pairs.surface.name} that lie too far from the other body in the drawing "
+                    f"for rows that balance: nodes next to them carry {share:.1%} of the normal "
+                    f"force, most at {place(pairs.x[int(reached.argmax())])}. Draw the bodies "
+                    "nearer to each other there, or give them meshes that are more alike, or finer"
+                )
 
 
 def _uncertain_gaps(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
