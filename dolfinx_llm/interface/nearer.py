@@ -13,7 +13,7 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.geometry.cells import cell_sizes
+from dolfinx_llm.geometry.cells import cell_sizes, connected
 from dolfinx_llm.geometry.facing import separation
 from dolfinx_llm.geometry.pieces import Piece
 from dolfinx_llm.geometry.surface import Surface
@@ -21,6 +21,7 @@ from dolfinx_llm.interface.carrier import residual_of
 from dolfinx_llm.interface.join import Part
 from dolfinx_llm.interface.site import Site
 
+LEVELS = np.linspace(0.0, 1.0, 21)  # of distance, in parts of the facets that are left out
 SHRINKS = 0.7  # distance from one try to the next
 NEAR_ENOUGH = 0.05  # distance, in facets, below which surfaces are near
 HARDLY_LEFT = 0.125  # patch residual up to which no nearer parts are looked for: about the angle
@@ -63,7 +64,7 @@ def balanced_parts(
 
 def _nearer(site: Site, pieces: Sequence[Piece]) -> Iterator[list[Piece]]:
     """The pieces that touch and, of second-order surfaces that may part along a curved one, its
-    parts where both lie less and less far apart."""
+    parts where both lie less and less far apart, if what is left out goes away from these."""
     yield [*pieces]
     sides, opens = site.whole, site.interface.law.opens
     second = all(side.element.order > 1 for side in sides)
@@ -78,7 +79,8 @@ def _nearer(site: Site, pieces: Sequence[Piece]) -> Iterator[list[Piece]]:
         keep = [np.flatnonzero(d <= limit) for d in distance]
         near = piece.only(*keep)
         cut = [_at_cut(*of) for of in zip(sides, piece.facets, near.facets, strict=True)]
-        yield [replace(near, cut=(cut[0], cut[1]))]
+        if all(map(_only_beyond, sides, piece.facets, distance, near.facets, cut)):
+            yield [replace(near, cut=(cut[0], cut[1]))]
         limit *= SHRINKS
 
 
@@ -108,3 +110,17 @@ def _at_cut(side: Surface, facets: Array, near: Array) -> Array:
         own[side.cells[some]] = True
         both &= own
     return both
+
+
+def _only_beyond(side: Surface, facets: Array, distance: Array, near: Array, cut: Array) -> bool:
+    """Whether what is left out goes away from where it was cut (n,): what is nearer than some level
+    hangs together with that. Else a crest might touch by itself, while nothing presses there."""
+    left = ~np.isin(facets, near)
+    own, away = side.cells[facets[left]], distance[left]
+    at_cut = cut[own].any(axis=1)
+    for level in np.quantile(away, LEVELS) if len(own) else ():
+        below = away <= level
+        label = connected(own[below], len(side.x))[0]
+        if not np.isin(label, label[at_cut[below]]).all():
+            return False
+    return True

@@ -101,3 +101,20 @@ def test_contact_that_goes_on():
 def test_what_is_left_out_is_said():
     """How many facets of each side are, in what is printed."""
     assert str(pressed(rings((64, 80)), llm.Frictionless())).count("too far from the other") == 2
+
+
+def test_another_crest_is_not_left_out():
+    """A crest that lies farther away, but before what is around it, might touch by itself: it takes
+    part, or the bodies are refused."""
+    meshes = rings((64, 80))
+    x = meshes[0][0].geometry.x
+    radius, angle = np.hypot(x[:, 0], x[:, 1] + 0.5), np.arctan2(x[:, 0], -x[:, 1] - 0.5)
+    rise = 0.08 * np.exp(-(((angle - 0.9) / 0.12) ** 2)) * np.clip(2.0 * radius - 1.0, 0.0, 1.0)
+    x[:, 0] += rise * np.sin(angle)
+    x[:, 1] -= rise * np.cos(angle)
+    try:
+        geometry = pressed(meshes, llm.Frictionless()).geometries[0]
+    except llm.ContactError as error:
+        assert "rows of the curved frame" in str(error)
+    else:
+        assert all((abs(pairs.x[:, 0] - 0.84) < 0.1).any() for pairs in geometry.pairs)
