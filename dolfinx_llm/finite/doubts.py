@@ -112,9 +112,9 @@ def deep(contact: MovingContact, t: ContactTerms) -> list[str]:
 
 def beside_edge(contact: MovingContact, t: ContactTerms) -> list[str]:
     """Of pairs that press beyond an edge of the frame, on what its facets go on to there, while the
-    edge itself is away from the other side."""
+    edge itself is away from the other side; where facets are cut the edge presses: ``overhang``."""
     sides, place = contact.sides, _on_frame(contact, t)
-    if place is None or contact.overlaps:
+    if place is None or place.overhang is not None or contact.overlaps:
         return []
     out = (t.status != OPEN) & place.at.met & (place.at.beyond > OVER)
     force = np.linalg.norm(sides.split(t.force)[0], axis=1)
@@ -136,6 +136,29 @@ def beside_edge(contact: MovingContact, t: ContactTerms) -> list[str]:
         f"{checks.place(sides.split(place.z)[1][worst] + frame.origin)}, where facets have the "
         f"size {size:.3g}: bodies are pressed as by so much. Use smaller facets on {frame.name} "
         f"than on {moving.name}, so that its nodes are those that touch, or finer meshes of both"
+    ]
+
+
+def edge_leans(contact: MovingContact, t: ContactTerms) -> list[str]:
+    """Of an end of the frame that presses facets which hang over it, along the normal of its own
+    facet: with an edge alone a body presses along theirs."""
+    sides, place = contact.sides, _on_frame(contact, t)
+    if place is None or place.overhang is None:
+        return []
+    x = sides.split(place.z)[0]
+    force = np.linalg.norm(sides.split(t.force)[0], axis=1)
+    out = (t.status != OPEN) & place.at.met & (place.at.beyond > OVER)
+    cells = sides.mover.cells[out[sides.mover.cells].any(axis=1)]
+    lean = np.linalg.norm(place.normal + unit(areas_around(x, sides.mover.skin)), axis=1)
+    lean = np.where(np.isin(np.arange(len(x)), cells), force * lean, 0.0)
+    if lean.sum() <= LEANS * force.sum():
+        return []
+    frame, moving = sides.carrier, sides.mover
+    return [
+        f"{moving.name} on {frame.name}: an edge of {frame.name} presses along the normals of its "
+        f"own facets, most at {checks.place(x[lean.argmax()] + frame.origin)}: forces lean by "
+        f"{lean.sum() / force.sum():.0%} of all that press. Use smaller facets on {frame.name} "
+        f"than on {moving.name}, so that its nodes are those that touch"
     ]
 
 

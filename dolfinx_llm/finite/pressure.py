@@ -206,6 +206,9 @@ class Follower:
             return np.asarray(closed[self.surfaces[0].cells].all(axis=1))
         found, cells = self.sides.candidates(z), self.sides.mover.cells
         beyond = self.sides.meet(z, found).at.beyond > INSIDE
+        if self.sides.chains is not None:  # facets that press at an end touch up to it
+            at_end = cells[(closed & beyond)[cells].any(axis=1)]
+            closed = closed | np.isin(np.arange(len(closed)), at_end)
         return found & (closed | beyond)[cells].all(axis=1) & closed[cells].any(axis=1)
 
     def _covered(self, z: Array, every: Covered, held: Covering) -> list[Covered]:

@@ -130,6 +130,8 @@ def moving_results(
     if isinstance(contact, ObstacleContact):
         return _against_obstacle(contact, z, terms, slip)
     sides, place, status = contact.sides, terms.place, terms.status
+    if place.overhang is not None:
+        status = place.overhang.at_nodes(status)
     active = status != OPEN
     places = sides.in_order(*sides.split(z))
     y = sides.split(z)[1]

@@ -33,14 +33,15 @@ class Chains:
     chain: Array  # (f,) its chain
     length: Array  # (f,) facets of its chain
     closed: Array  # (f,) whether that is closed
+    start: Array  # (f,) first place of its chain
     ends: Array  # (f, 2) first and last node of its chain
 
     @classmethod
     def of(cls, facets: Array) -> Chains:
         """Chains of facets (f, 2), which are oriented alike."""
         f = len(facets)
-        start = {int(a): i for i, a in enumerate(facets[:, 0])}
-        follows = np.array([start.get(int(b), -1) for b in facets[:, 1]])
+        begins = {int(a): i for i, a in enumerate(facets[:, 0])}
+        follows = np.array([begins.get(int(b), -1) for b in facets[:, 1]])
         first = np.setdiff1d(np.arange(f), follows)
         seen, chains, closed = np.zeros(f, dtype=bool), [], []
         for at, ring in [*((i, False) for i in first), *((i, True) for i in range(f))]:
@@ -56,7 +57,15 @@ class Chains:
         place, chain = np.empty(f, dtype=np.int64), np.empty(f, dtype=np.int64)
         place[order], chain[order] = np.arange(f), np.repeat(np.arange(len(chains)), count)
         ends = np.array([(facets[c[0], 0], facets[c[-1], 1]) for c in chains])
-        return cls(facets, order, place, chain, count[chain], np.array(closed)[chain], ends[chain])
+        start = (np.cumsum(count) - count)[chain]
+        closes = np.array(closed)[chain]
+        return cls(facets, order, place, chain, count[chain], closes, start, ends[chain])
+
+    def beyond(self, at: OnFrame) -> tuple[Array, Array]:
+        """(n,) which nodes lie beyond the last, and the first node of their chain."""
+        place, is_end = self.place[at.facet] - self.start[at.facet], ~self.closed[at.facet]
+        low = is_end & (place == 0) & (at.xi[:, 0] < 0.0)
+        return is_end & (place == self.length[at.facet] - 1) & (at.xi[:, 0] > 1.0), low
 
 
 def covered_lines(
@@ -88,12 +97,9 @@ def covered_lines(
         that each of the moving side's facets covers, and (f, width) derivatives.
     """
     width = d.xi.shape[1]
-    place = chains.place[at.facet]
-    is_end = ~chains.closed[at.facet]
-    first = chains.chain[at.facet]
-    start = np.searchsorted(chains.chain[chains.order], first)  # first place of the chain
-    low = is_end & (place == start) & (at.xi[:, 0] < 0.0)
-    high = is_end & (place == start + chains.length[at.facet] - 1) & (at.xi[:, 0] > 1.0)
+    place, first = chains.place[at.facet], chains.chain[at.facet]
+    start = chains.start[at.facet]
+    high, low = chains.beyond(at)
     a, b = moving.T  # the sides run against each other: a lies at the far end
     good = candidates & at.met[a] & at.met[b] & (first[a] == first[b])
     good &= ~(high[a] & high[b]) & ~(low[a] & low[b])
@@ -209,18 +215,30 @@ def _of_moving(
         cut = facets[high[node] | low[node]]
         node = moving[cut, local]
         end = chains.ends[at.facet[node], np.where(high[node], 1, 0)]
-        eta, blocks, by_normal = _cut(x[moving[cut]], y[end], normals.n[end])
+        eta, changed = cut_by_end(x, moving[cut], y, end, normals, columns, width)
         share[cut] += sign * (integrals(degree, eta) - (0.0 if local == 0 else 1.0 / k))
         by_eta = sign * values(degree, eta)[:, :, None]
-        places = np.concatenate(
-            [coordinates(moving[cut], 2, columns[0]), coordinates(end[:, None], 2, columns[1])],
-            axis=1,
-        )
-        turn = jacobian(by_normal[:, None], coordinates(end[:, None], 2), y.size)
-        changed = jacobian(blocks[:, None], places, width) + turn @ normals.derivative
         spread = summing(coordinates(cut[:, None], k).ravel(), k * len(moving))
         derivative = derivative + spread @ (per_item(by_eta) @ changed)
     return Covered(share, derivative)
+
+
+def cut_by_end(
+    x: Array,
+    facets: Array,
+    y: Array,
+    end: Array,
+    normals: NodalNormals,
+    columns: tuple[int, int],
+    width: int,
+) -> tuple[Array, csr_matrix]:
+    """(k,) where in facets (k, 2) of the moving side normals of the frame's nodes ``end`` (k,) cut
+    them, in [0, 1], and (k, width) the derivative; other arguments as of ``covered_lines``."""
+    eta, blocks, by_normal = _cut(x[facets], y[end], normals.n[end])
+    places = coordinates(facets, 2, columns[0]), coordinates(end[:, None], 2, columns[1])
+    turn = jacobian(by_normal[:, None], coordinates(end[:, None], 2), y.size)
+    by_places = jacobian(blocks[:, None], np.concatenate(places, axis=1), width)
+    return eta, by_places + turn @ normals.derivative
 
 
 def _cut(x: Array, y: Array, n: Array) -> tuple[Array, Array, Array]:

@@ -33,6 +33,7 @@ from dolfinx_llm.finite.frame.location import (
     find_on_frame,
     location_derivatives,
 )
+from dolfinx_llm.finite.frame.overhang import Overhang, overhang
 from dolfinx_llm.geometry.cells import areas_around, cell_sizes, unit, vector_areas
 from dolfinx_llm.geometry.drawn import drawn_curved
 from dolfinx_llm.geometry.facing import TURN
@@ -57,6 +58,7 @@ class Meeting:
     covered: tuple[Covered, Covered]  # facets of the moving side, of the frame
     along: tuple[Array, csr_matrix] | None  # (f,) length of the frame that each of the moving
     # side's facets covers [length], and (f, width) its derivative; None: in space
+    overhang: Overhang | None  # of the moving side's facets; None: nothing hangs over, or in space
 
 
 def _sense(surface: Surface) -> tuple[float, ...]:
@@ -104,8 +106,7 @@ class Sides:
         """
         prescribed = frame is not None
         frame = coarser(surfaces) if frame is None else frame
-        flat = surfaces[0].x.shape[1] == 2
-        chains = Chains.of(surfaces[frame].facets) if flat else None
+        chains = Chains.of(surfaces[frame].facets) if surfaces[0].x.shape[1] == 2 else None
         around, rounded = drawn_curved(surfaces[frame].x, surfaces[frame].skin)
         if surfaces[frame].element.order > 1:  # nothing stands out beyond its facets
             inner = rounded[surfaces[frame].facets].all(axis=1)
@@ -225,14 +226,15 @@ class Sides:
         d = location_derivatives(at, y, self.carrier.cells, normals, self.columns, self.width, own)
         if self.chains is None:
             covered = self._clipped(z, candidates, True), self._clipped(z, candidates, False)
-            along = None
+            along = over = None
         else:
             degrees = integrated(self.mover), integrated(self.carrier)
             of = self.mover.facets, candidates, x, y, at, d, normals, self.first, degrees
             covered, along = covered_lines(self.chains, *of)
+            over = overhang(self.chains, self.mover.cells, *of[1:5], normals, self.first)
         if self.around is not None:  # nodes are found by the facets' own alone
             normals = nodal_normals(*of_frame, self.around)
-        return Meeting(at, d, normals, covered, along)
+        return Meeting(at, d, normals, covered, along, over)
 
     def found(
         self,

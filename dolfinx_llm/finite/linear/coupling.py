@@ -70,16 +70,17 @@ class Condensed:
             d: stiffness of a node [force / length].
         """
         (n, gdim), M, free = t.place.normal.shape, M @ diagonal(free), abs(M) @ free > 0.0
-        J = sides.jumps(_main(t.place.N))
+        J = t.place.at_pairs(sides.jumps(_main(t.place.N)), gdim)
         x = np.arange(n * gdim) if sides.frame is None else sides.columns[0].ravel()
         scaling = _scaling(t, free, d)
         left, own = scaling @ t.left, scaling @ t.own
         keep, kept = diagonal(free), diagonal(free[x])
         # Unknowns q of a pair p: forces on its node alone, of second-order bodies on its control
-        # value.
-        E = per_component(sides.nodal, gdim)
+        # value; of facets that hang over the frame's end on the part's.
+        E, over = sides.nodal, t.place.overhang
+        E = per_component(E if over is None else (E @ over.inverse).tocsr(), gdim)
         top = (E.T @ t.top[x]).tocsr()
-        if sides.mover.element.order > 1:  # normals differ along a facet
+        if over is not None or sides.mover.element.order > 1:  # normals differ along a facet
             largest = abs(top).max(axis=0).toarray().ravel()
             top.data[np.abs(top.data) < LITTLE * largest[top.indices]] = 0.0
         top.eliminate_zeros()
@@ -114,7 +115,7 @@ class Condensed:
         rows = near @ J + left - of_pairs @ left
         jointly = _jointly(t, keep, joint, d)
         C = keep @ J.T @ per_item(H) @ J @ keep + jointly
-        of_all = sides.jumps(t.place.N)
+        of_all = t.place.at_pairs(sides.jumps(t.place.N), gdim)
         C, jointly, jumps = M.T @ C @ M, M.T @ jointly @ M, (J @ M, of_all @ M)
         return cls(C.tocsr(), rows @ keep @ M, yielding, scaling, jumps, jointly, gdim)
 

@@ -19,6 +19,7 @@ It is what equation (19) has in Phi, the derivative of the base, for tangential 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import csr_matrix, hstack
@@ -88,6 +89,8 @@ def couples(tau: Array, height: Array, normal: Array, y: Array) -> Couples:
 @dataclass(frozen=True, eq=False)
 class FrictionContact(Friction, NormalContact):
     """With friction at the nodes of the moving side."""
+
+    cuts: ClassVar[bool] = False  # forces at nodes are within the cone about their own normals
 
     def supported(self, place: NormalPlace, closed: Array, way: csr_matrix, free: Array) -> Array:
         """Also those at supports of both sides: rows reach to nodes beside these, from where they

@@ -7,7 +7,8 @@ With a force lambda_p that pair p carries, n its normal out of the frame's body,
 
 s how far a curved frame stands out beyond its facets, and what rows miss of it: see ``curved_gap``.
 At second order gaps and lambda are those of control values, of C gap and C^T lambda at the nodes:
-see ``sides``.
+see ``sides``; those of facets that hang over an end of the frame are of the covered part: C stands
+for S C, see ``overhang``.
 
 These forces are the first term of (19), Q: ``force`` of ``terms``. The second one, Phi, has the
 derivatives of base and interpolation times lambda·(x - sum N y). Rows keep t·(x - sum N y) = 0:
@@ -20,6 +21,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, hstack, vstack
@@ -54,7 +56,8 @@ class NormalPlace(Place):
     entries: tuple[csr_matrix, csr_matrix]  # (k s, width), (k s, m): rows by positions and by mu
     whole: csr_matrix  # (k s, width) those for which (28) holds by positions
     height: Array  # (k, s) n·(y_J - x_p) [length]
-    C: csr_matrix  # (k, k) of these nodes
+    C: csr_matrix  # (k, k) of these nodes, S C where facets hang over
+    cut: csr_matrix  # (k, width) derivative of the gaps by places where facets are cut
     turned: csr_matrix  # (k gdim, width) derivative of the normals [1 / length]
     curved: Array  # (k,) part of the gap that the frame itself tells, not rows
     by_frame: csr_matrix  # (k, width) its derivative
@@ -84,7 +87,7 @@ class NormalPlace(Place):
     def gap_by(self) -> tuple[csr_matrix, csr_matrix]:
         """(k, width), (k, m) derivatives of the gaps by positions and mu."""
         part = diagonal(1.0 - self.curved)
-        by_z = self.C @ (part @ self.distance[1] + self.by_frame)
+        by_z = self.C @ (part @ self.distance[1] + self.by_frame) + self.cut
         return by_z, self.C @ part @ self.distance[2]
 
     @cached_property
@@ -105,6 +108,8 @@ class NormalContact(SlidesOnFrame):
 
     sides: Sides
     design: Design
+
+    cuts: ClassVar[bool] = True  # pairs of facets that hang over are of their covered parts
 
     @property
     def size(self) -> int:
@@ -169,8 +174,7 @@ class NormalContact(SlidesOnFrame):
             q: own unknowns.
             held: from the start of the step.
         """
-        sides, gdim = self.sides, self.sides.gdim
-        n, m, _ = self.counts
+        sides, gdim, (n, m, _) = self.sides, self.sides.gdim, self.counts
         x, y = sides.split(z)
         meeting = sides.meet(z, held.candidates)
         f, grown = sides.forces(meeting, z, True)
@@ -185,7 +189,7 @@ class NormalContact(SlidesOnFrame):
             grown = csr_matrix(grown.shape)
             by_loads = grown, csr_matrix(by_loads[1].shape)
         height = np.einsum("nsi,ni->ns", y[rows.nodes] - x[on][:, None], at.normal)
-        pick = summing(on, n)
+        pick, reached = summing(on, n), coordinates(rows.nodes, gdim, columns[1])
         gap, normal = np.full(n, np.inf), np.zeros((n, gdim))
         of_frame = y, sides.carrier.cells, meeting.normals, sides.rounded
         by_rows = -np.einsum("ns,ns->n", rows.N, height)
@@ -195,15 +199,23 @@ class NormalContact(SlidesOnFrame):
             own, of_facets = self.rises[0][on], self.rises[1][sides.carrier.cells[at.facet]]
             less, less_z = raised(at, d, of_facets, own)
             to_frame, by_frame = to_frame - less, by_frame - less_z
-        C, whole = sides.control[0][on][:, on], np.diff(sides.control[0].indptr)[on]
+        C, cut = sides.control[0], csr_matrix((len(on), sides.width))
+        N = pick @ C[on][:, on] @ rows.matrix(m)
+        over = meeting.overhang if self.cuts and not sides.prescribed else None
+        if over is not None:
+            over = over.as_if_fixed() if held.lagged else over
+            cut, C = over.change(C @ pick @ to_frame)[on], (over.S @ C).tocsr()
+        C, whole = C[on][:, on], np.diff(C.indptr)[on]
         there = np.diff(C.indptr) == whole  # and all that its gap is made of
         gap[on], normal[on] = np.where(there, C @ to_frame, np.inf), at.normal
         return NormalPlace(
             z=z,
             gap=gap,
             normal=normal,
-            N=pick @ C @ rows.matrix(m),
+            N=N,
+            overhang=over,
             C=C,
+            cut=cut,
             areas=(f, loads[1]),
             grown=grown,
             loads=loads,
@@ -217,9 +229,7 @@ class NormalContact(SlidesOnFrame):
             turned=d.normal,
             curved=curved,
             by_frame=by_frame,
-            coordinates=np.concatenate(
-                [columns[0], coordinates(rows.nodes, gdim, columns[1])], axis=1
-            ),
+            coordinates=np.concatenate([columns[0], reached], axis=1),
         )
 
     def nearing(self, place: NormalPlace, dz: Array, dq: Array) -> Array:
@@ -242,32 +252,33 @@ class NormalContact(SlidesOnFrame):
             held: from the start of the step.
             free: (width,) coordinates that are not prescribed.
         """
-        n, m, c = self.counts
+        (n, m, c), sides = self.counts, self.sides
         on, rows, normal, active = place.on, place.rows, place.normal[place.on], status != OPEN
         (by_place, by_mu), (df, dfy), f = place.entries, place.loads_by, place.loads[0]
         k, s = rows.nodes.shape
-        width, force, control = self.sides.width, q[:n], self.design.control
+        width, force, control = sides.width, q[:n], self.design.control
         A, (gap_z, gap_mu) = place.C @ place.distance[0], place.gap_by  # A: the force row
         # Forces, and how they change.
         borne = np.where(active[on], force[on], 0.0)
         lam = place.C.T @ borne  # at the nodes
-        along = self.sides.control[0][:, on].T @ self.along(q, status)
+        along = sides.control[0][:, on].T @ self.along(q, status)
         spread = place.spread(lam[:, None] * normal - along)
         K = -(spread @ by_place + place.swung(lam))
+        if place.overhang is not None:
+            parted = place.overhang.change_of_forces((summing(on, n) @ borne)[:, None])
+            K = K - place.distance[0].T @ (sides.control[0].T @ parted)[on]
         # Equation (28), which gives mu.
-        by_entry = csr_matrix(
-            (np.repeat(f[on], s), (rows.nodes.ravel(), np.arange(k * s))), (m, k * s)
-        )
+        entries = rows.nodes.ravel(), np.arange(k * s)
+        by_entry = csr_matrix((np.repeat(f[on], s), entries), (m, k * s))
         of_frame = borne_by(control, 1.0 + rows.left) @ dfy
         balance_z = by_entry @ place.whole + rows.matrix(m, whole=True).T @ df[on] - of_frame
         border_z = csr_matrix(held.chart.T @ borne_by(control, rows.mu)) @ dfy
         closed = active[on] & ~held_fast(A, free)
         by_closed = summing(on, n) @ diagonal(closed)
         idle, rest = np.full(n, 1.0 / held.scale), force / held.scale
-        own = yields(normal[closed][:, None], self.sides.moves(free)[on[closed]], held)
+        own = yields(normal[closed][:, None], sides.moves(free)[on[closed]], held)
         idle[on[closed]], rest[on[closed]] = own.ravel(), place.gap[on[closed]]
-        G = csr_matrix(rows.G)
-        none = csr_matrix((width, c))
+        G, none = csr_matrix(rows.G), csr_matrix((width, c))
         return ContactTerms(
             force=A.T @ borne,
             K=K,

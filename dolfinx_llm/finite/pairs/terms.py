@@ -9,6 +9,8 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.sparse import per_component
+from dolfinx_llm.finite.frame.overhang import Overhang
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 
 FAST = 1e-9  # part of a row at free dofs, below which supports hold the pair
@@ -63,6 +65,12 @@ class Place:
     normal: Array  # (n, gdim) out of the frame
     N: csr_matrix  # (n, m) rows
     areas: tuple[Array, Array]  # (n,), (m,) of pairs, and of the frame's nodes [area]
+    overhang: Overhang | None = field(default=None, kw_only=True)  # by which pairs follow from
+    # control values, of which rows and areas are; None: they are theirs
+
+    def at_pairs(self, values: csr_matrix, gdim: int = 1) -> csr_matrix:
+        """(n gdim, c) of pairs, of the same at control values."""
+        return values if self.overhang is None else per_component(self.overhang.S, gdim) @ values
 
     @property
     def pairs(self) -> Array:
