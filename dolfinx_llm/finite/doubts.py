@@ -14,6 +14,7 @@ from dolfinx_llm.finite.frame_side import on_mover
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact
 from dolfinx_llm.finite.pairs.normal_contact import OVER, NormalPlace
 from dolfinx_llm.finite.pairs.terms import ContactTerms, MovingContact, Place
+from dolfinx_llm.finite.pressure import Follower
 from dolfinx_llm.geometry.cells import areas_around, unit, unit_normals
 from dolfinx_llm.geometry.drawn import SHARP, angles_between
 from dolfinx_llm.geometry.facing import TURN
@@ -50,6 +51,27 @@ def left_over(sides: Sides, left: Array, after: Place) -> list[str]:
         f"{moving} on {frame}: {left.sum()} node(s) of {moving} that carried force have left "
         f"{frame} over its edge in this load step, the first is at {checks.place(place)}: nothing "
         "presses on them there. If the body goes on, tag more of it"
+    ]
+
+
+def uncovered(load: Follower, z: Array, closed: Array, p: float) -> list[str]:
+    """Of a follower pressure p that acts on contact as well, where this covers no whole facet.
+
+    Args:
+        load: a piece of it.
+        z: coordinates [length].
+        closed: (n,) as of ``Follower.hold``.
+        p: pressure [force / area].
+    """
+    held = load.hold(z, closed)
+    if p == 0.0 or held is None or not closed.any() or held.facets.any():
+        return []
+    loaded, cover = load.surfaces[0], load.obstacle
+    covers = load.surfaces[1].name if cover is None else f"the {type(cover).__name__}"
+    return [
+        f"FreeSurfacePressure on {loaded.name}: {closed.sum()} node(s) are in contact with "
+        f"{covers}, which covers no whole facet there: {p:.3g} acts on all of it, facets of "
+        f"{loaded.facet_size:.3g}. Use a finer mesh where they touch"
     ]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress, tell_iteration, warn
-from dolfinx_llm.base.parallel import collective
+from dolfinx_llm.base.parallel import chosen, collective
 from dolfinx_llm.finite import doubts
 from dolfinx_llm.finite.failures import (
     Going,
@@ -25,7 +26,7 @@ from dolfinx_llm.finite.failures import (
 )
 from dolfinx_llm.finite.frame_slip import Slid
 from dolfinx_llm.finite.increment import Increment
-from dolfinx_llm.finite.load_step import Bodies, Equations, LoadStep, NewtonState
+from dolfinx_llm.finite.load_step import Bodies, Equations, LoadStep, NewtonState, touching_of
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstacleFriction
 from dolfinx_llm.finite.obstacles.pressed_obstacle import Pressed
 from dolfinx_llm.finite.pairs.terms import ContactTerms, Place
@@ -234,6 +235,11 @@ class NewtonSteps:
                 told += doubt(placed.what, t)
             if not self.equations.bodies.in_time:
                 told += doubts.apart(placed.what, t)
+        equations, reached = self.equations, self._reached
+        for load, p in zip(equations.followers, reached.pressures, strict=True):
+            closed = touching_of(load, equations.interfaces, reached.status)
+            of_load = load.what, load.at(equations.bodies.dofs, reached.u), closed, float(p)
+            told += chosen(equations.bodies.dofs.comm, partial(doubts.uncovered, *of_load))
         self.told = told
         warn(self.equations.bodies.dofs.comm, told, before)
 
