@@ -146,7 +146,7 @@ def build_against(site: Site, notes: list[str], clock: Clock) -> InterfaceGeomet
     def found() -> tuple[Any, ...]:
         return *against_obstacle(obstacle, site.whole[0], name, notes), notes
 
-    pairs, rim, notes = chosen(site.comm, found)
+    pairs, rim, notes = chosen(site.comm, found, given=site.interface.thickness)
     clock.stop("surfaces")
     return assembled(site, (), [rim], notes, clock, pairs)
 

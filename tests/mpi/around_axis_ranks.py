@@ -10,11 +10,15 @@ import dolfinx_llm as llm
 
 comm, found = MPI.COMM_WORLD, {}
 scene = Cylinders(comm, (5, 4), 0.6)
-problem, stretch = scene.linear(llm.Coulomb(0.3), thickness=lambda x: 2.0 * np.pi * x[:, 0])
+around = {"thickness": lambda x: 2.0 * np.pi * x[:, 0]}
+del scene.bcs[0]  # a floor bears it
+floor = scene.tags[0], (1, llm.RigidPlane((0.0, 0.0), (0.0, 1.0)))
+on_floor = llm.Interface(*floor, law=llm.Frictionless(), **around)
+problem, stretch = scene.linear(llm.Coulomb(0.3), more=[on_floor], **around)
 found["linear"] = scene.off(problem.solve(), stretch) / 2e-3
 problem.destroy()
 scene = Cylinders(comm, (5, 4), 0.6, degree=2, cell="triangle")
-problem, stretch = scene.finite(llm.Frictionless(), thickness=lambda x: 2.0 * np.pi * x[:, 0])
+problem, stretch = scene.finite(llm.Frictionless(), **around)
 for load in scene.load:
     load.value = 150.0
 problem.solve()

@@ -80,8 +80,9 @@ class Cylinders:
             most = max(most, np.abs(v.x.array.reshape(-1, 2) - exact).max())
         return self.spaces[0].mesh.comm.allreduce(most, op=max)
 
-    def linear(self, law, p=1.0, E=1000.0, nu=0.3, thickness=around, **options):
-        """Pressed by p on all that looks up and is free; and the stretches then."""
+    def linear(self, law, p=1.0, E=1000.0, nu=0.3, thickness=around, more=(), **options):
+        """Pressed by p on all that looks up and is free, with ``more`` interfaces; and the
+        stretches then."""
         mu, lam = lame(E, nu)
         forms, loads = [], []
         for V, tags, tag in zip(self.spaces, self.tags, (None, TOP), strict=True):
@@ -96,7 +97,7 @@ class Cylinders:
         on = self.tags[0], LOWER, p, (self.spaces[1], self.tags[1], UPPER)
         free = [llm.free_surface_load(self.spaces[0], *on, thickness=thickness)]
         problem = llm.ContactProblem(
-            forms, loads, bcs=self.bcs, interfaces=[self.interface(law, thickness)],
+            forms, loads, bcs=self.bcs, interfaces=[self.interface(law, thickness), *more],
             nodal_loads=free, **options,
         )  # fmt: skip
         return problem, (1.0 + nu * p / E, 1.0 - p / E)
