@@ -131,7 +131,7 @@ def test_ties_ask_for_what_they_need(options, monkeypatch):
         raise AssertionError("is not needed")
 
     for module, name in (
-        (proximal, "proximal_term"), (equations, "ClampedRows"), (results, "adjacency"),
+        (proximal, "proximal_term"), (equations, "HeldRows"), (results, "adjacency"),
     ):  # fmt: skip
         monkeypatch.setattr(module, name, asked)
     contact, _ = blocks(options=options)

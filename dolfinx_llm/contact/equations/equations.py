@@ -115,7 +115,8 @@ class Equations:
         not the frames, which go anywhere between bodies that are apart."""
         self.idle, self.start, self.g = 0.0, multiplier, g
         self.least = LEAST_FELT * self.scale * moved
-        self.left_out = self._held.hold(self.states, g)
+        if self.normal.any():
+            self.left_out = self._held.hold(self.states, g)
 
     @cached_property
     def _held(self) -> HeldRows:
