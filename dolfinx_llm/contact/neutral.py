@@ -33,7 +33,7 @@ def neutral(equations: Equations, floating: Floating, multiplier: Array) -> str:
         floating: motions that supports leave free; what no contact holds in any state is left out.
         multiplier: (n,) that has been found [force].
     """
-    if not floating.count:
+    if floating.count == floating.loose.count:
         return ""
     closed, size = equations.closed_rows(), np.abs(multiplier)
     idle = closed & equations.normal & (size <= PRESSES * size.max(initial=0.0))

@@ -59,13 +59,17 @@ def choose_solver(
     return asked, "as asked"
 
 
-def may_ask_once(form: str | StepForm, operators: ContactOperators) -> bool:
-    """Whether bodies of a symmetric stiffness may be asked once where contact comes to no rest in
-    another form: which pairs press is solved for exactly then, however many change; collective."""
-    if form not in ("saddle", "condensed") or not _asks(operators):
-        return False
-    needed = costs(Scene.of(operators))["flexibility"].gigabytes
-    return needed <= operators.comm.allreduce(_memory(), op=min)
+def other_form(form: str | StepForm, K: PETSc.Mat, operators: ContactOperators) -> str:
+    """The form to go on with where contact comes to no rest in one, as pairs change in another
+    order there; "" where none serves or fits into memory. Collective."""
+    others = {"saddle": "flexibility", "condensed": "flexibility", "flexibility": "condensed"}
+    other = others.get(form, "") if isinstance(form, str) else ""
+    if not other or operators.dofs.mixed or not _asks(operators):
+        return ""
+    if not is_symmetric(K, operators.diagonal):
+        return ""
+    needed = costs(Scene.of(operators))[other].gigabytes
+    return other if needed <= operators.comm.allreduce(_memory(), op=min) else ""
 
 
 def _by_cost(symmetric: bool, operators: ContactOperators, steps: int) -> tuple[str, str]:

@@ -16,14 +16,13 @@ from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.load_steps import advance
 from dolfinx_llm.contact.results.path_dependence import from_the_past
 from dolfinx_llm.contact.search.circles import UNSETTLED
-from dolfinx_llm.forms.choice import form_named, may_ask_once
+from dolfinx_llm.forms.choice import form_named, other_form
 from dolfinx_llm.forms.step import StepForm
 from dolfinx_llm.operators.petsc import is_symmetric, times
 from dolfinx_llm.operators.reactions import with_reactions
 from dolfinx_llm.operators.system import ContactOperators
 from dolfinx_llm.problem.bulk import LinearBulk
 
-ASKED_ONCE = "bodies are asked once from now on, as contact came to no rest"
 TIGHT = 1e-9  # relative tolerance of linear steps by which laws still come to rest
 
 
@@ -38,17 +37,22 @@ class Setting:
     options: dict[str, Any] | None  # PETSc options
     times: StageTimes
     why: str  # this form
+    is_other: bool = False  # than the one that was chosen
 
-    def asking_once(self) -> "Setting | None":
-        """For contact that comes to no rest; None where options say how steps are solved, or the
-        bodies cannot be asked once. A warning says that they are."""
-        if self.options or not may_ask_once(self.form, self.operators):
+    def prepare(self, form: StepForm) -> None:
+        """Set up the form; collective."""
+        form.prepare(self.bulk.take_K() if form.takes_K else self.bulk.K, self.operators)
+
+    def other(self) -> "Setting | None":
+        """For contact that comes to no rest, as a warning says; None where options say how steps
+        are solved, no other form serves, or this is the other one. Collective."""
+        if self.options or self.is_other:
             return None
-        if not is_symmetric(self.bulk.K, self.operators.diagonal):
+        if not (other := other_form(self.form, self.bulk.K, self.operators)):
             return None
-        why = f"solver {self.form!r}: {ASKED_ONCE}"
+        why = f"contact came to no rest in the {self.form} form: load steps go on by {other}"
         warn(self.operators.comm, [why], [])
-        return replace(self, form="flexibility", why=why)
+        return replace(self, form=other, why=why, is_other=True)
 
 
 @contextmanager
@@ -119,11 +123,11 @@ class ContactMethod:
         """Set up what load steps need, which the first of them does otherwise; collective."""
         if self._ready:
             return
-        bulk, operators = self.setting.bulk, self.setting.operators
+        operators = self.setting.operators
         before, at_rest = self.iteration, np.zeros(len(operators.dofs.fixed))
         known = before is not None and before.multiplier is not None and not operators.tied
         held = self._holding(before.multiplier) if known else at_rest
-        self.form.prepare(bulk.take_K() if self.form.takes_K else bulk.K, operators)
+        self.setting.prepare(self.form)
         self.iteration = ContactIteration(operators, self.form, at_rest, self._gaps(at_rest))
         if known:
             self.iteration.resume(before, held, self._gaps(*self._last), self._last[0])
@@ -181,10 +185,10 @@ class ContactMethod:
 
     def _other(self) -> str:
         """Have another form solve steps from now on, and say which; "" if there is none."""
-        if self.in_time or not (setting := self.setting.asking_once()):
+        if self.in_time or not (setting := self.setting.other()):
             return ""
         self.renew(setting, keep=True)
-        self.form.prepare(setting.bulk.K, setting.operators)
+        self.setting.prepare(self.form)
         self.iteration.form, self._ready = self.form, True
         return setting.why
 
