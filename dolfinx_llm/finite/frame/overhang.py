@@ -22,9 +22,9 @@ from scipy.sparse import csr_matrix, vstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, picking, summing
-from dolfinx_llm.finite.frame.cover_line import Chains, cut_by_end
-from dolfinx_llm.finite.frame.jacobians import NodalNormals
-from dolfinx_llm.finite.frame.location import OnFrame
+from dolfinx_llm.finite.frame.cover_line import cut_by_end
+from dolfinx_llm.finite.frame.jacobians import nodal_normals
+from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.laws.rows import OPEN
 
 BEARS_ON = 1e-2  # entry of S up to which a part does not bear on a control value
@@ -76,28 +76,19 @@ class Overhang:
         return csr_matrix((values.ravel(), tuple(a.ravel() for a in at)), shape) @ self.places
 
 
-def overhang(
-    chains: Chains,
-    cells: Array,
-    facing: Array,
-    x: Array,
-    y: Array,
-    at: OnFrame,
-    normals: NodalNormals,
-    columns: tuple[int, int],
-) -> Overhang | None:
+def overhang(sides: Sides, z: Array, facing: Array) -> Overhang | None:
     """Of facets that an end of the frame cuts, and of those next to them: they may come in, or the
-    others leave, in the same increment. None: there are none.
+    others leave, in the same increment. None: there are none, or in space.
 
     Args:
-        chains: of the frame.
-        cells: (f, j) nodes of the moving side's facets, of both ends first.
-        facing: (f,) which of them can touch.
-        x, y: nodes of the moving side and of the frame [length].
-        at: where all nodes of the moving side lie on the frame.
-        normals: of the frame's nodes.
-        columns: number of the first coordinate of the moving side and of the frame.
+        sides: that meet.
+        z: all coordinates [length].
+        facing: (f,) facets of the moving side that can touch.
     """
+    if sides.chains is None:
+        return None
+    chains, cells, columns = sides.chains, sides.mover.cells, sides.first
+    (x, y), at = sides.split(z), sides.meet(z, facing).at
     high, low = chains.beyond(at)
     a, b = cells[:, :2].T
     out = np.stack([high[a], low[b]], axis=1)
@@ -111,13 +102,14 @@ def overhang(
     facets = np.flatnonzero(cut)
     if not len(facets):
         return None
+    normals = nodal_normals(y, sides.carrier.skin, columns[1], sides.width)
     nodes, out, count = cells[facets], out[facets], 0
     st, places = np.tile([0.0, 1.0], (len(facets), 1)), []
     which = np.zeros((len(facets), 2), dtype=np.int64)
     for local, (least, most) in enumerate(((0.0, 1.0 - COVERED_AT_LEAST), (COVERED_AT_LEAST, 1.0))):
         of = np.flatnonzero(out[:, local])
         end = chains.ends[at.facet[nodes[of, local]], 1 - local]
-        eta, by_z = cut_by_end(x, nodes[of, :2], y, end, normals, columns, x.size + y.size)
+        eta, by_z = cut_by_end(x, nodes[of, :2], y, end, normals, columns, sides.width)
         within = (eta >= least) & (eta <= most)
         st[of, local] = np.clip(eta, least, most)
         places.append(diagonal(within.astype(float)) @ by_z)

@@ -33,7 +33,6 @@ from dolfinx_llm.finite.frame.location import (
     find_on_frame,
     location_derivatives,
 )
-from dolfinx_llm.finite.frame.overhang import Overhang, overhang
 from dolfinx_llm.geometry.cells import areas_around, cell_sizes, unit, vector_areas
 from dolfinx_llm.geometry.drawn import drawn_curved
 from dolfinx_llm.geometry.facing import TURN
@@ -58,7 +57,6 @@ class Meeting:
     covered: tuple[Covered, Covered]  # facets of the moving side, of the frame
     along: tuple[Array, csr_matrix] | None  # (f,) length of the frame that each of the moving
     # side's facets covers [length], and (f, width) its derivative; None: in space
-    overhang: Overhang | None  # of the moving side's facets; None: nothing hangs over, or in space
 
 
 def _sense(surface: Surface) -> tuple[float, ...]:
@@ -226,15 +224,14 @@ class Sides:
         d = location_derivatives(at, y, self.carrier.cells, normals, self.columns, self.width, own)
         if self.chains is None:
             covered = self._clipped(z, candidates, True), self._clipped(z, candidates, False)
-            along = over = None
+            along = None
         else:
             degrees = integrated(self.mover), integrated(self.carrier)
             of = self.mover.facets, candidates, x, y, at, d, normals, self.first, degrees
             covered, along = covered_lines(self.chains, *of)
-            over = overhang(self.chains, self.mover.cells, *of[1:5], normals, self.first)
         if self.around is not None:  # nodes are found by the facets' own alone
             normals = nodal_normals(*of_frame, self.around)
-        return Meeting(at, d, normals, covered, along, over)
+        return Meeting(at, d, normals, covered, along)
 
     def found(
         self,

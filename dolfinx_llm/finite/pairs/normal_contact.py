@@ -35,6 +35,7 @@ from dolfinx_llm.finite.frame.design import Design, DesignedRows
 from dolfinx_llm.finite.frame.design_loads import balanced_loads
 from dolfinx_llm.finite.frame.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.frame.location import OnFrame
+from dolfinx_llm.finite.frame.overhang import overhang
 from dolfinx_llm.finite.frame.sides import Meeting, Sides
 from dolfinx_llm.finite.pairs.slides import SlidesOnFrame
 from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, Place, held_fast, yields
@@ -108,7 +109,6 @@ class NormalContact(SlidesOnFrame):
 
     sides: Sides
     design: Design
-
     cuts: ClassVar[bool] = True  # pairs of facets that hang over are of their covered parts
 
     @property
@@ -201,7 +201,7 @@ class NormalContact(SlidesOnFrame):
             to_frame, by_frame = to_frame - less, by_frame - less_z
         C, cut = sides.control[0], csr_matrix((len(on), sides.width))
         N = pick @ C[on][:, on] @ rows.matrix(m)
-        over = meeting.overhang if self.cuts and not sides.prescribed else None
+        over = overhang(sides, z, held.candidates) if self.cuts and not sides.prescribed else None
         if over is not None:
             over = over.as_if_fixed() if held.lagged else over
             cut, C = over.change(C @ pick @ to_frame)[on], (over.S @ C).tocsr()
