@@ -6,6 +6,8 @@ import pytest
 from slider import Slider
 
 import dolfinx_llm as llm
+from dolfinx_llm.forms.condensed.steps import CondensedForm
+from dolfinx_llm.forms.flexibility import Flexibility
 
 
 class Stop(Exception):
@@ -50,9 +52,10 @@ def same(one, other, size=1.0):
 
 
 def stopped_after(problem, parts, error, where):
-    """Have the iteration end in an error once some parts of a step have been accepted."""
-    iteration, form = problem.method.iteration, problem.method.form
-    accept, solve, displacement, count = iteration.accept, form.solve, form.displacement, [0]
+    """Have the iteration end in an error once some parts of a step have been accepted, also in the
+    form that goes on where contact comes to no rest."""
+    iteration, patch, count = problem.method.iteration, pytest.MonkeyPatch(), [0]
+    accept = iteration.accept
 
     def counted(*given):
         accept(*given)
@@ -66,14 +69,10 @@ def stopped_after(problem, parts, error, where):
 
         return call
 
-    iteration.accept = counted
-    setattr(form, where, failing({"solve": solve, "displacement": displacement}[where]))
-
-    def undo():
-        del iteration.accept
-        delattr(form, where)
-
-    return undo
+    patch.setattr(iteration, "accept", counted)
+    for form in (Flexibility, CondensedForm):
+        patch.setattr(form, where, failing(getattr(form, where)))
+    return patch.undo
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, Stop, llm.ContactError])
