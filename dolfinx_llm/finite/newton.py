@@ -86,6 +86,7 @@ class NewtonSteps:
         self._slid = [Slid(placed.what) for placed in self.equations.interfaces]
         done, part, smallest = 0.0, 1.0 / increments, 2.0**-HALVINGS / increments
         unheld = False  # nothing held a body in the last increment tried
+        fallen: NothingHolds | None = None  # or in one before, from this state: what is told
         with progress(None, "load step") as bar:
             while done < 1.0 - 1e-12:
                 end = 1.0 if done + part > 1.0 - 1e-12 else done + part
@@ -96,19 +97,20 @@ class NewtonSteps:
                     _check_start(self.equations.bodies, self._reached.u, failed)
                     part *= 0.5
                     hopeless = unheld and isinstance(failed, NothingHolds)
-                    unheld = isinstance(failed, NothingHolds)
+                    if unheld := isinstance(failed, NothingHolds):
+                        fallen = failed
                     log.info("increment to %.4g failed: %s; halved", end, failed)
                     if part < smallest or hopeless:
                         raise ContactError(
                             f"Newton's iteration fails at {done:.4g} of the load step, also with "
-                            f"increments of {2.0 * part:.2g} of it: {failed}. The state at "
-                            f"{done:.4g} is kept, of bodies with a memory that of the start. Take "
-                            "smaller load steps, or check supports, loads and the mesh; where "
+                            f"increments of {2.0 * part:.2g} of it: {fallen or failed}. The state "
+                            f"at {done:.4g} is kept, of bodies with a memory that of the start. "
+                            "Take smaller load steps, or check supports, loads and the mesh; where "
                             "bodies snap through or tip over no state is near: prescribe motions "
                             "there, or take steps in time"
                         ) from None
                 else:
-                    done, part, unheld = end, min(2.0 * part, 1.0 / increments), False
+                    done, part, unheld, fallen = end, min(2.0 * part, 1.0 / increments), False, None
                     yield self._reached
         self._say()
 
