@@ -86,15 +86,14 @@ def _nearer(site: Site, pieces: Sequence[Piece]) -> Iterator[list[Piece]]:
 
 def _left_out(site: Site, pieces: Sequence[Piece], near: Sequence[Piece]) -> list[str]:
     """What is said of facets that were left out."""
-    out = list[str]()
-    for side, whole, kept in zip(site.whole, pieces[0].facets, near[0].facets, strict=True):
-        if len(kept) < len(whole) and near[0].cut is not None:
-            out.append(
-                f"{len(whole) - len(kept)} of {len(whole)} facets of {side.name} that face the "
-                "other side left out: they lie too far from the other one for rows that balance, "
-                "and must not touch"
-            )
-    return out
+    if near[0].cut is None:
+        return []
+    return [
+        f"{len(whole) - len(kept)} of {len(whole)} facets of {side.name} that face the other side "
+        "left out: they lie too far from the other one for rows that balance, and must not touch"
+        for side, whole, kept in zip(site.whole, pieces[0].facets, near[0].facets, strict=True)
+        if len(kept) < len(whole)
+    ]
 
 
 def _distances(side: Surface, other: Surface, facets: Array) -> Array:

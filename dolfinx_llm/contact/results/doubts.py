@@ -29,7 +29,6 @@ UNTIED_SHARE = 1e-2  # the same, on pairs that have none from the start of a loa
 # friction on pairs that do not press
 UNEVEN = 2.0  # friction of a side's nodes over that of the law's, where all slip
 CARRIES = 1e-10  # of the largest force in the load step: an interface with less carries none
-CUT_SHARE = 1e-2  # of the normal force, next to facets that were left out as too far away
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
 UNCERTAIN = 0.2  # part of the bodies' motion to which gaps must be known
 
@@ -183,7 +182,7 @@ def _check_cuts(geometry: InterfaceGeometry, result: InterfaceResult) -> None:
         for pairs, side, whole, cut in both:
             reached = np.where(np.isin(pairs.dofs, whole.dofs[cut]), side.pressing, 0.0)
             share = reached.sum() / max(side.pressing.sum(), 1e-300)
-            if share > CUT_SHARE:
+            if share > RIM_SHARE:
                 raise ContactError(
                     f"interface {geometry.interface.name}: contact reaches facets of "
                     f"{pairs.surface.name} that lie too far from the other body in the drawing "

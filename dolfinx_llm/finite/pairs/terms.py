@@ -68,7 +68,7 @@ class Place:
     overhang: Overhang | None = field(default=None, kw_only=True)  # by which pairs follow from
     # control values, of which rows and areas are; None: they are theirs
 
-    def at_pairs(self, values: csr_matrix, gdim: int = 1) -> csr_matrix:
+    def at_pairs(self, values: csr_matrix, gdim: int) -> csr_matrix:
         """(n gdim, c) of pairs, of the same at control values."""
         return values if self.overhang is None else per_component(self.overhang.S, gdim) @ values
 
