@@ -11,6 +11,8 @@ from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.forms.options import PRECONDITIONERS, check_read, refused
 from dolfinx_llm.operators.petsc import is_symmetric
 
+COLUMNS = 64  # right-hand sides solved at once
+
 # Richardson on top of the factorisation is iterative refinement on any number of ranks: MUMPS's
 # own works on one rank only. ICNTL(24): null pivots.
 SADDLE_OPTIONS = {

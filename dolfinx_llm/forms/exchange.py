@@ -5,6 +5,7 @@ answer to every multiplier costs more than a few factorisations. They are asked 
 sign is wrong, and for those that get it wrong in turn.
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any, Protocol
@@ -24,6 +25,8 @@ from dolfinx_llm.operators.floating import Floating
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.system import ContactOperators
 
+Load = tuple[Array, Array, Array]  # this rank's f, all of g and rhs
+Answer = tuple[Array, ...]  # this rank's u, all of λ and w
 YIELDING = 1.5  # by so much a node yields more than its own stiffness says
 
 
@@ -46,6 +49,7 @@ class WholeSteps(StepForm):
 
     accuracy = 1e-13  # of balance and law, relative
     most = 200  # pairs that are asked for; where more have a wrong sign, all of these change
+    many = 0  # the same where changing all has left no fewer
     eager = True  # asks whenever it may, not only where change has brought nothing
 
     def __init__(
@@ -98,8 +102,10 @@ class WholeSteps(StepForm):
         made, f = self._served(step), step.loaded(f)
         found = self.result(step, *made.ask(f, step.g, step.rhs, step.about))
         before, self._wrong = self._wrong, int(found.wrong.sum())
-        if 0 < self._wrong <= self.most and (self.eager or self._wrong >= before):
-            pairs, forces, among = self._choose(made, step, found)
+        stalls = self._wrong >= before
+        most = max(self.most, self.many) if stalls else self.most
+        if 0 < self._wrong <= most and (self.eager or stalls):
+            pairs, forces, among = self._choose(made, step, found, most)
             if len(pairs):
                 found = self._changed(made, f, step, pairs, forces, among)
         operators = self.operators
@@ -159,8 +165,12 @@ class WholeSteps(StepForm):
         gap = step.L[rows] @ w - y[rows] - g[rows]
         return np.where(step.active[rows], force[rows], self.scale * gap)
 
+    def asked(self, made: Any, loads: Iterable[Load]) -> Iterator[tuple[Load, Answer]]:
+        """Loads of this rank's f, g and rhs, each with what ``SetUp.ask`` tells."""
+        return ((load, made.ask(*load)) for load in loads)
+
     def _choose(
-        self, made: SetUp, step: LinearStep, found: StepResult
+        self, made: SetUp, step: LinearStep, found: StepResult, most: int
     ) -> tuple[Array, Array, Array]:
         """Pairs (k,) that have to change so that all signs are right, their forces (gaps times c,
         where they open) and (k, k) what these do to what has to vanish there: linear
@@ -174,11 +184,11 @@ class WholeSteps(StepForm):
         pairs, new = np.empty(0, dtype=np.int64), np.flatnonzero(found.wrong)
         answers: list[Array] = []
         change, forces = np.zeros(0, dtype=bool), np.zeros(0)
-        while len(new) and len(pairs) + len(new) <= 2 * self.most:
-            for p in new:
-                load = self._loads(step, np.array([p]), np.ones(1))
-                u, force, motion = made.ask(*load)
-                column = self._signs(step, rows, force, self.motion(u), motion, load[1])
+        while len(new) and len(pairs) + len(new) <= 2 * most:
+            loads = (self._loads(step, np.array([p]), np.ones(1)) for p in new)
+            told = zip(new, self.asked(made, loads), strict=True)
+            for p, ((_, g, _), (u, force, motion)) in told:
+                column = self._signs(step, rows, force, self.motion(u), motion, g)
                 column[place[p]] += 0.0 if on[place[p]] else self.scale * step.compliance[p]
                 answers.append(column)
             pairs = np.concatenate([pairs, new])

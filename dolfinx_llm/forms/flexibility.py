@@ -18,13 +18,12 @@ from dolfinx_llm.base.log import progress
 from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.forms.dense import choose, refined
-from dolfinx_llm.forms.direct import DirectSolver
+from dolfinx_llm.forms.direct import COLUMNS, DirectSolver
 from dolfinx_llm.forms.step import LinearStep, StepForm, StepResult, wrong_signs
 from dolfinx_llm.forms.verdict import largest, singular
 from dolfinx_llm.operators.petsc import local_csr, with_springs
 from dolfinx_llm.operators.system import ContactOperators
 
-COLUMNS = 64  # right-hand sides solved at once
 ROUGHLY = 1e-12  # of a load, up to which a solve that leaves it is not refined
 CHANGED = 1e-6  # of the largest multiplier: what is refined once changes by less
 

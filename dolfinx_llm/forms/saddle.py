@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,8 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import gather_rows
-from dolfinx_llm.forms.direct import DirectSolver
-from dolfinx_llm.forms.exchange import WholeSteps, forecast_of
+from dolfinx_llm.forms.direct import COLUMNS, DirectSolver
+from dolfinx_llm.forms.exchange import Answer, Load, WholeSteps, forecast_of
 from dolfinx_llm.forms.step import LinearStep, StepResult
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import create_aij, join_blocks, local_csr, with_springs
@@ -30,6 +31,7 @@ class SaddleForm(WholeSteps):
     """
 
     name = "saddle"
+    many = 1000
     _fewest: float = np.inf  # signs that were wrong in any step towards this load
     _swings = 0  # steps with no fewer
 
@@ -48,6 +50,12 @@ class SaddleForm(WholeSteps):
         pressing = forecast.pressing(found.multiplier, found.y + step.g)
         told = step.may_open & (pressing != found.active)
         return replace(found, wrong=told) if told.any() else found
+
+    def asked(self, made: Any, loads: Iterable[Load]) -> Iterator[tuple[Load, Answer]]:
+        """See ``WholeSteps``; many at once."""
+        loads = iter(loads)
+        while block := list(islice(loads, COLUMNS)):
+            yield from zip(block, made.ask_many(block), strict=True)
 
     def set_up(self, step: LinearStep) -> FactorisedStep:
         """See ``WholeSteps``."""
@@ -109,14 +117,28 @@ class FactorisedStep:
         Raises:
             ContactError: PETSc cannot solve.
         """
-        (rows, frames), places, c = self._numbers, self._places, self._scale
+        return self._parts(self._solver.solve(self._load(f, g, rhs)))
+
+    def ask_many(self, loads: Sequence[Load]) -> list[Answer]:
+        """The same for each of several loads, without refinement."""
+        columns = np.column_stack([self._load(*load) for load in loads])
+        parts = self._parts(self._solver.solve_many(columns))
+        return list(zip(*(part.T for part in parts), strict=True))
+
+    def _load(self, f: Array, g: Array, rhs: Array) -> Array:
+        """This rank's right-hand side."""
+        (rows, frames), places = self._numbers, self._places
         b = np.zeros(self._matrix.getLocalSize()[0])
         b[places[0]] = f
-        b[places[1]] = np.where(self._active, -c * g, 0.0)[rows.mine]
+        b[places[1]] = np.where(self._active, -self._scale * g, 0.0)[rows.mine]
         b[places[2]] = -rhs[frames.mine]
-        x = self._solver.solve(b)
-        multiplier = gather_rows(self._comm, c * x[places[1]])[rows.number]
-        return x[places[0]], multiplier, gather_rows(self._comm, x[places[2]])[frames.number]
+        return b
+
+    def _parts(self, x: Array) -> tuple[Array, Array, Array]:
+        """u of this rank, λ and w of all, of this rank's solutions, columns."""
+        (rows, frames), (body, forces, own) = self._numbers, self._places
+        multiplier = gather_rows(self._comm, self._scale * x[forces])[rows.number]
+        return x[body], multiplier, gather_rows(self._comm, x[own])[frames.number]
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
