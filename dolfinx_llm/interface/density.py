@@ -14,9 +14,15 @@ that is smooth has no jumps of slopes between facets: a small part of their squa
 of p (as in interior penalty methods, Burman and Hansbo 2004) takes such errors away. Linear and
 quadratic fields have none, resultants and moments stay, and the jumps of a smooth field fall with
 h².
+
+Of bodies that are tied, forces of the finer side follow the coarser one's facets, where the frame
+is, and what they say is off by several times as much as the coarser side's traction, which turned
+round is theirs as well (``with_coarser``).
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags, identity
@@ -37,6 +43,7 @@ SMOOTH = 0.01  # part of the jumps' squares: nodes of Hertz's ellipse are off le
 OMISSIONS = 20  # in which nodes whose pressure would be negative are left out
 OPEN_FORCE = 1e-8  # of the largest force: what an iteration may leave open
 NONE = 1e-12  # of the largest traction: below it a pull is rounding
+ONE_FIELD = 0.08  # of the largest traction, by which smooth ones of both sides differ at most
 PLANE = 1e-6  # of a facet's size, that is none across it
 CREASE = 0.7  # cosine of the angle between facets from which on there is an edge of the body
 
@@ -73,6 +80,54 @@ def density_at_nodes(
             break
         whole &= ~wild
     return value
+
+
+def with_coarser(
+    pairs: Sequence[ContactPairs], force: Sequence[Array], density: Sequence[Array | None]
+) -> list[Array | None]:
+    """Tractions of tied sides, that of the finer one read from the coarser one's: turned round, and
+    with the motion of a rigid body added by which the finer side's resultant and moment are met.
+    Where either side is covered in part, or both differ, as at steep ends which the finer one
+    resolves better, they stay as they are.
+
+    Args:
+        pairs: of both sides.
+        force: per side (n, c) forces at nodes.
+        density: (n, c) what each says by itself; None: first order.
+    """
+    found, count = list(density), [len(p.nodes) for p in pairs]
+    fine = int(count[1] > count[0])
+    (p, q), own, other = (pairs[fine], pairs[1 - fine]), density[fine], density[1 - fine]
+    if own is None or other is None or count[0] == count[1] or not all(map(_whole, pairs)):
+        return found
+    value = -(q.interpolation(p.x) @ other)
+    motions = _rigid_motions(p.x, value.shape[1])
+    felt = np.array([p.loads.mass @ motion for motion in motions])
+    lacking = np.einsum("kni,ni->k", motions, force[fine]) - np.einsum("kni,ni->k", felt, value)
+    share = np.linalg.solve(np.einsum("kni,lni->kl", felt, motions), lacking)
+    value = value + np.einsum("k,kni->ni", share, motions)
+    away, size = (np.linalg.norm(v, axis=1).max(initial=0.0) for v in (own - value, own))
+    if away <= ONE_FIELD * size:
+        found[fine] = value
+    return found
+
+
+def _whole(pairs: ContactPairs) -> bool:
+    """Whether all facets of a side are in contact, each of them whole."""
+    cover = pairs.loads.cover
+    return cover is not None and len(pairs.cells) > 0 and bool((cover[pairs.cells] > SURE).all())
+
+
+def _rigid_motions(x: Array, components: int) -> Array:
+    """(k, n, c) of vectors those of a rigid body at x (n, gdim), of scalars the constant."""
+    n, gdim = x.shape
+    moved = [np.tile(e, (n, 1)) for e in np.eye(components)]
+    arm = (x - x.mean(axis=0)) / np.ptp(x, axis=0).max()
+    for i, j in zip(*np.triu_indices(gdim, 1), strict=True) if components == gdim else ():
+        turn = np.zeros((n, gdim))
+        turn[:, i], turn[:, j] = -arm[:, j], arm[:, i]
+        moved.append(turn)
+    return np.array(moved)
 
 
 def _from_whole(

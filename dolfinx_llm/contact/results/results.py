@@ -25,6 +25,7 @@ from dolfinx_llm.contact.results.sides import (
     known_slips,
     less,
     nodal_sides,
+    read_together,
     side_result,
 )
 from dolfinx_llm.design.stencils import adjacency
@@ -119,6 +120,7 @@ def collect_results(
                 follows = follows + across[:, None] * p.normal
             sides.append(side_result(p, forces[own], motion, follows, gap, status[own], presses))
             first = own.stop
+        sides = read_together(geometry, sides)
         if geometry.interface.law.components != "cartesian":
             sides = between_bodies(geometry, sides, operators.scale, _may_pull(geometry, state))
         nodal, shares = with_tool_forces(geometry, sides, nodal_sides(geometry, sides))

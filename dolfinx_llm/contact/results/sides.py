@@ -10,7 +10,7 @@ import numpy as np
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.control import at_nodes
-from dolfinx_llm.interface.density import density_at_nodes
+from dolfinx_llm.interface.density import density_at_nodes, with_coarser
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import CLOSED, OPEN
 
@@ -45,7 +45,7 @@ class SideResult:
     # ``operators.control``: these are not negative where bodies may part [force]
     facets: Array  # (m, c) first-order facets between these nodes, all of them
     density: Array | None = None  # (n, gdim) of the forces on the surface, see
-    # ``density_at_nodes``; None at first order, where the frame's are [force / area]
+    # ``interface.density``; None at first order, where the frame's are [force / area]
 
     @property
     def X(self) -> Array:
@@ -92,6 +92,16 @@ def side_result(
         facets=pairs.skin,
         density=density_at_nodes(pairs, force, presses),
     )
+
+
+def read_together(geometry: InterfaceGeometry, sides: list[SideResult]) -> list[SideResult]:
+    """The sides, tied ones with what the coarser one says of the traction of both, unless it is a
+    prescribed one, where the other's forces arrive."""
+    tied = geometry.frame is not None and geometry.interface.law.ties
+    if not tied or geometry.site.prescribed is not None:
+        return sides
+    told = with_coarser(geometry.pairs, [s.force for s in sides], [s.density for s in sides])
+    return [replace(side, density=value) for side, value in zip(sides, told, strict=True)]
 
 
 def less(
