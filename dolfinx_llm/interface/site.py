@@ -14,7 +14,9 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import collective
+from dolfinx_llm.design.rises import ROUND
 from dolfinx_llm.geometry.cells import unit_normals
+from dolfinx_llm.geometry.pieces import neighbours
 from dolfinx_llm.geometry.spaces import is_scalar
 from dolfinx_llm.geometry.surface import Surface, check_sides, extract_surface
 from dolfinx_llm.interface.choices import Interface
@@ -152,8 +154,9 @@ def say_straight(interface: Interface, sides: Sequence[Surface], notes: list[str
         off = np.abs(side.straightened(side.x) - side.x).max()
         if side.elements is None or off > STRAIGHT_FACETS * side.diameter:
             continue
-        normal = unit_normals(side.x, side.facets)
-        if np.abs(normal - normal[0]).max() > BENT:
+        normal, (i, j) = unit_normals(side.x, side.facets), neighbours(side.facets)
+        angle = np.linalg.norm(normal[i] - normal[j], axis=1)
+        if ((angle > BENT) & (angle < ROUND[1])).any():  # edges of a body are no curve
             text = (
                 f"the facets of {side.name} are straight and the surface is curved: pressures of "
                 "second-order bodies feel its edges. Give the mesh second order as well "

@@ -543,6 +543,16 @@ def test_straight_facets_of_a_curved_surface_are_said():
     assert len(notes) == 1 and "setOrder" in notes[0]
 
 
+def test_a_box_is_no_curve():
+    """Tagged all over, its facets are straight as it is; a warning asked for second order."""
+    (V,), (tags,) = so.blocks(COMM, (QUAD, QUAD), (2, 3), LOW[2], HIGH[2], jitter=0.0)
+    tags.values[:] = so.LATERAL
+    skin, notes = extract_surface(V, tags, so.LATERAL), []
+    plane = llm.RigidPlane((0, 0), (0, 1))
+    say_straight(llm.Interface(tags, (so.LATERAL, plane)), (skin,), notes)
+    assert not notes
+
+
 def test_ranks():
     data = run_mpi_json("second_order_ranks.py", 2)
     assert max(data.values()) <= 1e-10
