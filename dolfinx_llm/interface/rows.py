@@ -36,6 +36,7 @@ from dolfinx_llm.interface.join import Certificate, Part
 
 log = logging.getLogger("dolfinx_llm")
 
+BALANCES = 1.0 / 3.0  # of the residual of coarse surfaces: rows that leave more are worse than none
 COARSE = 0.1  # vector residual of curved surfaces, from which on it is said
 SHARES = (1.0, 0.5, 0.0)  # of the way to the places on the smooth surface that rows are tried with
 UNITY = 1e-9  # by which the sum of a row may differ from 1
@@ -173,8 +174,9 @@ def _least_residual(
     On coarse meshes the bodies enclose other volumes, and rows that reproduce all places cannot
     balance: there they go a part of the way (SHARES), the most that halves the vector residual
     that is printed, else what leaves the least of it, in its largest value and in its norm. Where
-    nothing lowers it, rows stay as they are. Where the gap is closed it is that between the
-    smooth surfaces, whatever the rows.
+    more stays of it than coarse meshes leave, as at the flanks of a roller, which face what they
+    never touch, corrections would reach rows in contact: they stay as they are. Where the gap is
+    closed it is that between the smooth surfaces, whatever the rows.
     """
     best, least = [p.N for p in pairs], before
     smooth = smooth_rows(frame, pairs, close_gap, along)
@@ -190,8 +192,10 @@ def _least_residual(
             best, least, taken = N, after, share
         if least.max() <= 0.5 * before.max():
             break
+    if least.max() > max(BALANCES * before.max(), COARSE):
+        best, least = [p.N for p in pairs], before
     if least is before:
-        notes.append(f"design: left out, nothing lowers the patch residual of {before.max():.1e}")
+        notes.append(f"design: left out, no rows balance: patch residual of {before.max():.1e}")
     elif taken < 1.0:
         notes.append(
             f"design: rows go {taken:.0%} of the way from the cells to the smooth surface; with "
