@@ -1,6 +1,7 @@
-"""Bodies and obstacles that would fall: neither supports nor contact hold them. Their nearest pairs
-touch. Bodies that touch, or are tied to, each other alone fall together, and so does what an
-obstacle under a force touches: it holds none."""
+"""Bodies and obstacles that would fall: neither supports nor contact hold them. Those pairs touch
+that meet first as they do, or where they meet none the nearest ones. Bodies that touch, or are tied
+to, each other alone fall together, and so does what an obstacle under a force touches: it holds
+none."""
 
 from __future__ import annotations
 
@@ -12,12 +13,17 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import collective, told
 from dolfinx_llm.finite.load_step import Placed
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact
 from dolfinx_llm.finite.obstacles.pressed_obstacle import Pressed
+from dolfinx_llm.laws.rows import OPEN
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.motions import left_by_supports
 from dolfinx_llm.operators.numbering import BodyDofs
+
+NEARLY = 1e-6  # of a facet: beyond the gap of pairs that meet first, up to which others do as well
+HARDLY_HELD = 1e-6  # of the stiffness: springs that tell where loads drive what nothing holds
 
 
 def falling(
@@ -54,6 +60,90 @@ def falling(
     falls = (np.bincount(group, stands) == 0.0)[group]
     falls_on = of[:, falls].any(axis=1) | pressed
     return [i for i, a in enumerate(asks) if a and (touched[i] or falls_on[i])]
+
+
+def flight(
+    run: Any, falls: Sequence[int], places: list[Any], status: list[Any], held: list[Any]
+) -> dict[int, Array]:
+    """Per interface at which bodies fall (n,) gaps up to which pairs touch: those that meet first
+    where weak springs alone hold bodies, which so go where their loads drive them; collective.
+
+    Args:
+        run: an ``Increment``, whose terms and balance are then those of the given pairs.
+        falls: the interfaces.
+        places, status, held: of the pairs of all, those of ``falls`` open.
+    """
+    if not falls:
+        return {}
+    steps, dofs = run.steps, run.dofs
+    run.take(places, status, held)
+    run.balance()
+    K, springs = steps.bodies.tangent(run.u), np.zeros(len(run.u))
+    springs[dofs.of_nodes] = HARDLY_HELD * steps.scale
+    try:
+        diagonal = K.getDiagonal()
+        diagonal.array[:] += springs
+        K.setDiagonal(diagonal)
+        diagonal.destroy()
+        du, changes = run.solved(K, False)
+    finally:
+        K.destroy()
+    nears = {}
+    for i in falls:
+        placed = steps.interfaces[i]
+        nears[i] = -placed.what.nearing(places[i], placed.values(dofs, du), changes[i])
+    least = NEARLY * max(steps.size, *(float(np.abs(near).max()) for near in nears.values()))
+    reach = {i: met_first(places[i].gap, near, least) for i, near in nears.items()}
+    return {i: of + NEARLY * steps.size for i, of in reach.items()}
+
+
+def caught(run: Any, now: list[Any]) -> dict[int, Array]:
+    """Where pairs open in the linear model, and bodies fall then, those that meet first touch, of
+    each interface once in an increment: the status to solve for next of those where it changes,
+    none if bodies do not fall. Collective.
+
+    Args:
+        run: an ``Increment``.
+        now: (n,) status of the pairs of each interface in the linear model, changed there.
+    """
+    every, comm, terms, before = run.steps.interfaces, run.dofs.comm, run.terms, run.status
+    touch = [bool(now_of.any()) for now_of in now]
+    opened = any(b.any() and not t for b, t in zip(before, touch, strict=True))
+    may = opened and not run.steps.bodies.in_time
+    of_each = zip(touch, terms, run.drawn, strict=True)
+    asks = [may and not (t or drawn) and bool(of.place.pairs.any()) for t, of, drawn in of_each]
+    falls = falling(run.dofs, every, now, told(comm, asks), [False] * len(now))
+    reaches = flight(run, falls, [t.place for t in terms], list(now), run.held)
+    for i in falls:
+        place = terms[i].place
+        of = place, 0.0 * run.own[i], np.full(len(place.gap), OPEN), run.held[i], reaches[i]
+        with collective(comm):
+            now[i] = every[i].what.touching(*of)[0]
+        run.drawn[i] = bool(now[i].any())
+    run.terms, run.status = terms, before
+    if not any(run.drawn[i] for i in falls):
+        return {}
+    return {i: now[i] for i, b in enumerate(before) if (now[i] != b).any()}
+
+
+def met_first(gap: Array, nears: Array, least: float) -> Array:
+    """(n,) gaps up to which pairs touch: those that meet first, the nearest ones where no load
+    moves any, or none where all go apart [length].
+
+    Args:
+        gap: (n,) of the pairs, inf where there is none [length].
+        nears: (n,) by which they near each other in a time [length].
+        least: of that, which no load but rounding moves bodies by [length].
+
+    >>> met_first(np.array([0.1, 0.3, 0.2]), np.array([-1.0, 1.0, 0.5]), 1e-9).tolist()
+    [-inf, 0.3, 0.15]
+    """
+    moves = np.isfinite(gap) & (np.abs(nears) > least)
+    if not moves.any():
+        return np.full(len(gap), gap.min())
+    meets, reach = moves & (nears > 0.0), np.full(len(gap), -np.inf)
+    reach[meets] = np.min(gap[meets] / nears[meets], initial=np.inf) * nears[meets]
+    return reach
 
 
 def _is_pressed(contact: Any) -> bool:

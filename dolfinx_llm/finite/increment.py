@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective, told
 from dolfinx_llm.finite.failures import check_solution, failing, inside_out
-from dolfinx_llm.finite.falling import falling
+from dolfinx_llm.finite.falling import caught, falling, flight
 from dolfinx_llm.finite.linear.parts import Part
 from dolfinx_llm.finite.load_step import (
     Equations,
@@ -39,7 +39,6 @@ CONVERGED = 1e-11  # residual over the largest force, and gap over the size of f
 ROUNDED = 4e-15  # residual over stiffness times length: stresses near 1 + grad u = 1 are rounded
 NO_GAP = 1e-11  # gap over facet size that is none
 DOUBTS = 1e-3  # pull over the largest force, below the residual, that parts no pair
-NEARLY = 1e-6  # the same, over the smallest, where nothing touches at first
 STUCK = 0.9  # part of the last residual above which an iteration has brought nothing
 SLIDES = 0.5  # of a facet, in an iteration, up to which derivatives of rows and areas hold
 TRUSTED = 0.03  # residual, relative, below which slip has its exact derivative
@@ -67,8 +66,8 @@ class Increment:
         steps, step: what is solved, and the load step.
         good: the state that it starts from.
         end: the part of it, in (0, 1].
-        draws: the nearest pairs touch where nothing does and contact is not known yet, or bodies
-            that nothing else holds would fall; else ``undrawn`` tells of such ones.
+        draws: those pairs touch that meet first where nothing does and contact is not known yet,
+            or bodies that nothing else holds would fall; else ``undrawn`` tells of such ones.
     """
 
     def __init__(
@@ -111,13 +110,13 @@ class Increment:
 
     def evaluate(self) -> None:
         """Contact, loads and residual at the displacement as it is."""
+        least = STUCK * self.error
         with self.steps.times.timed("contact"), failing():
             self._contact()
-        least = STUCK * self.error
-        self._balance()
+        self.balance()
         self.stuck = self.error > least
 
-    def _balance(self) -> None:
+    def balance(self) -> None:
         """Residual for the forces of contact and loads as they are."""
         steps, comm, largest = self.steps, self.dofs.comm, 0.0
         r = self._body - self.unbalanced
@@ -148,36 +147,42 @@ class Increment:
         """Terms of the interfaces, with the status that their pairs have now."""
         places, starts, status, found, asks = (list[Any]() for _ in range(5))
         every, size, comm = self.steps.interfaces, self.steps.size, self.dofs.comm
-        reaches = max(NO_GAP * size, self.doubt / self.steps.scale), NO_GAP * size  # closed, open
+        bounds = max(NO_GAP * size, self.doubt / self.steps.scale), NO_GAP * size  # closed, open
         for i, (placed, before, q) in enumerate(zip(every, self.status, self.own, strict=True)):
             near, z = self.error < self.trusted, placed.at(self.dofs, self.u)
             held = replace(self.held[i], lagged=self.lagged, near=near)
             with collective(comm):
                 place = placed.what.place(z, q, held)
                 start = np.full(len(place.gap), OPEN) if before is None else before
-                now, held = placed.what.touching(place, q, start, held, np.where(start, *reaches))
+                now, held = placed.what.touching(place, q, start, held, np.where(start, *bounds))
             places, starts = [*places, place], [*starts, start]
             status, found = [*status, now], [*found, held]
             apart = not (now.any() or self.steps.bodies.in_time or self.drawn[i])
             lost = before is None or (self.stuck and not start.any())
             asks.append(bool(apart and lost and place.pairs.any()))
-        for i in falling(self.dofs, every, status, told(comm, asks), self.touched):
-            known = self.status[i] is not None
-            self.undrawn |= not (known or self.draws)
-            if known or self.draws:
-                self.drawn[i] = known  # once: springs may hold it, and pairs pull
-                reach = np.full(len(starts[i]), places[i].gap.min() + NEARLY * size)
-                of = places[i], self.own[i], starts[i], found[i], reach
-                with collective(comm):
-                    status[i], found[i] = every[i].what.touching(*of)
+        falls = falling(self.dofs, every, status, told(comm, asks), self.touched)
+        known = [now is not None for now in self.status]
+        self.undrawn |= not self.draws and not all(known[i] for i in falls)
+        falls = [i for i in falls if known[i] or self.draws]
+        reaches = flight(self, falls, places, status, found)
+        for i in falls:
+            self.drawn[i] = known[i]  # once: springs may hold it, and pairs pull
+            of = places[i], self.own[i], starts[i], found[i], reaches[i]
+            with collective(comm):
+                status[i], found[i] = every[i].what.touching(*of)
         for i, placed in enumerate(every):
-            self.status[i] = placed.what.staying(self.stays[i] & places[i].pairs, status[i])
-            self.held[i] = replace(found[i], pairs=places[i].pairs)
-        self.status = self.doubled.once(self.status, starts, places)
-        self.changes = opened_or_closed(self.status, starts)
-        self.held = with_shared(self.steps.interfaces, self.held, self.status)
-        of_each = zip(every, places, self.own, self.status, self.held, strict=True)
-        with collective(comm):
+            status[i] = placed.what.staying(self.stays[i] & places[i].pairs, status[i])
+        status = self.doubled.once(status, starts, places)
+        self.changes = opened_or_closed(status, starts)
+        self.take(places, status, found)
+
+    def take(self, places: list[Any], status: list[Any], held: list[Any]) -> None:
+        """Terms of the interfaces for pairs with a status."""
+        every, self.status = self.steps.interfaces, status
+        held = [replace(h, pairs=place.pairs) for h, place in zip(held, places, strict=True)]
+        self.held = with_shared(every, held, status)
+        of_each = zip(every, places, self.own, status, self.held, strict=True)
+        with collective(self.dofs.comm):
             self.terms = [placed.what.terms(*of, placed.free) for placed, *of in of_each]
 
     def iterate(self, K: PETSc.Mat | None) -> None:
@@ -197,7 +202,7 @@ class Increment:
             for _ in range(EXCHANGES if tells else 0):
                 if not _foresee(self, du, changes, exchanges):
                     break
-                self._balance()
+                self.balance()
                 du, changes = self._solve(K)
         finally:
             K.destroy()
@@ -218,11 +223,16 @@ class Increment:
 
     def _solve(self, K: PETSc.Mat) -> tuple[Array, list[Array]]:
         """Changes of this rank's u and of each interface's own unknowns."""
+        du, dq = self.solved(K, (self.lagged or self.error > LANDED) and lands(self.held))
+        # How far the iteration moves nodes [length].
+        self.far = check_solution(self.steps, du, np.concatenate([np.zeros(0), *dq]))
+        return du, dq
+
+    def solved(self, K: PETSc.Mat, exact: bool) -> tuple[Array, list[Array]]:
+        """The same, however far they go."""
         steps, r = self.steps, np.where(self.fixed, self.u - self.target, self.r)
         with steps.times.timed("factorisation"), failing():
-            exact = (self.lagged or self.error > LANDED) and lands(self.held)
             du, dq = steps.system.solve(K, self.terms, self.loads, r, self.u, self.error, exact)
-        self.far = check_solution(steps, du, dq)  # how far the iteration moves nodes [length]
         return du, np.split(dq, np.cumsum([len(q) for q in self.own])[:-1]) if self.own else []
 
     def converged(self) -> bool:
@@ -256,7 +266,7 @@ def _foresee(run: Increment, du: Array, changes: list[Array], exchanges: Exchang
             there, places[i] = foreseen(*of, NO_GAP * run.steps.size)
             now[i] = every[i].what.staying(run.stays[i] & t.place.pairs, there)
     now = run.doubled.once(now, run.status, places)
-    found = exchanges.take(now, run.status, run.held)
+    found = caught(run, now) or exchanges.take(now, run.status, run.held)
     for i, status in found.items():
         q, held = run.own[i], replace(run.held[i], about=(dz[i], run.own[i] + changes[i]))
         of_pairs = run.terms[i].place, q, status, held, every[i].free

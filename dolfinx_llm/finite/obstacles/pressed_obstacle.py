@@ -68,12 +68,16 @@ class Pressed(ObstacleContact):
         self, place: ObstaclePlace, q: Array, before: Array, held: Held, reach: Array
     ) -> tuple[Array, Held]:
         """(n,) status of the pairs, and what is held; q may have moved on from the place."""
-        pose = self.posed(self.placing(held.pose, q))
-        nearer = self.sides.control @ (place.by_x @ (pose.shift - place.pose.shift))
-        place = replace(place, gap=place.gap - nearer, pose=pose)
+        place = replace(place, pose=self.posed(self.placing(held.pose, q)))
         if held.pose_before is not None:
             held = replace(held, pose_before=self.placing(held.pose_before, q))
         return super().touching(place, q[: super().size], before, held, reach)
+
+    def nearing(self, place: ObstaclePlace, dz: Array, dq: Array) -> Array:
+        s = np.zeros(len(self.forced))
+        s[self.axes] = self.units * dq[len(dq) - len(self.axes) :]
+        nearer = self.sides.control @ (place.by_x @ s[: self.sides.gdim])
+        return super().nearing(place, dz, dq) - nearer
 
     def terms(
         self, place: ObstaclePlace, q: Array, status: Array, held: Held, free: Array
