@@ -20,7 +20,7 @@ from dolfinx_llm.finite.frame.covered import Covered
 from dolfinx_llm.finite.frame.design import Design
 from dolfinx_llm.finite.frame.location import OnFrame
 from dolfinx_llm.finite.frame.sides import Meeting, Sides
-from dolfinx_llm.finite.pairs.terms import Bound, ContactTerms, Held, Place
+from dolfinx_llm.finite.pairs.terms import YIELDS, Bound, ContactTerms, Held, Place
 from dolfinx_llm.geometry.cells import unit
 from dolfinx_llm.interface.carried import carried_rows, round_rows
 
@@ -125,12 +125,15 @@ class TiedContact(Bound):
         width = self.sides.width
         P, rest = self._determined(free)
         A, own = (P.T @ self.A).tocsr(), rest / held.scale
+        # What another interface holds as well, as a plane does, may be the same row twice.
+        twice = np.repeat(held.shared, self.sides.gdim) if len(held.shared) else np.zeros(self.size)
+        yielding = diagonal(YIELDS / held.scale * twice)
         return ContactTerms(
             force=A.T @ q,
             K=csr_matrix((width, width)),
             top=-A.T.tocsr(),
             left=A,
-            own=own,
+            own=own + yielding,
             rest=A @ place.z + own @ q,
             place=place,
             delta=self.delta,
