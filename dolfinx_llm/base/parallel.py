@@ -13,6 +13,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 
 ROUNDED_APART = 1e-12  # by which numbers that ranks compute alike may differ
+WRITABLE = 4  # protocol of pickle: from 5 on arrays that cannot be written to stay so
 
 Found = TypeVar("Found")
 
@@ -25,6 +26,11 @@ def gather_rows(comm: MPI.Comm, rows: Array) -> Array:
 def told(comm: MPI.Comm, value: Found) -> Found:
     """The value of rank 0 on all ranks: what each computes alike differs by rounding."""
     return comm.bcast(value) if comm.size > 1 else value
+
+
+def copied(comm: MPI.Comm, value: Found) -> Found:
+    """A copy of the value of rank 0 on all ranks, with arrays of its own."""
+    return cast(Found, pickle.loads(told(comm, pickle.dumps(value, WRITABLE))))
 
 
 def chosen(comm: MPI.Comm, choose: Callable[[], Found], given: Any = None) -> Found:

@@ -12,6 +12,7 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
 
+NO_ROWS = csr_matrix((0, 0))
 EQUALS = 1e-9  # part by which entries differ that are the same but for rounding
 
 
@@ -62,7 +63,32 @@ def placed(values: Array, rows: Array, columns: Array, shape: tuple[int, int]) -
     if not there.any():
         return csr_matrix(shape)
     row, column = (np.broadcast_to(at, values.shape)[there] for at in (rows, columns))
-    return csr_matrix((values[there], (row, column)), shape)
+    return summed(values[there], row, column, shape)
+
+
+def summed(values: Array, rows: Array, columns: Array, shape: tuple[int, int]) -> csr_matrix:
+    """Sums of values (k,) at rows and columns (k,), zeros as well."""
+    order, starts = np.argsort(rows, kind="stable"), _starts(np.bincount(rows, minlength=shape[0]))
+    found = csr_matrix((values[order], _small(columns[order]), starts), shape)
+    found.sum_duplicates()
+    return found
+
+
+def of_rows(matrix: csr_matrix, rows: Array) -> csr_matrix:
+    """Some rows of a matrix, by their numbers, which ascend: the matrix itself where it is all."""
+    return matrix if len(rows) == matrix.shape[0] else matrix[rows]
+
+
+def pushed(matrix: csr_matrix, forces: Array) -> Array:
+    """(m,) or (m, k) product of the transpose of an (n, m) matrix and forces (n,) or (n, k).
+
+    >>> pushed(csr_matrix([[1.0, 2.0], [0.0, 3.0]]), np.array([1.0, 10.0])).tolist()
+    [1.0, 32.0]
+    """
+    if forces.ndim > 1:
+        return np.column_stack([pushed(matrix, column) for column in forces.T])
+    at = np.repeat(forces, np.diff(matrix.indptr))
+    return np.bincount(matrix.indices, matrix.data * at, matrix.shape[1])
 
 
 def nearest(weights: csr_matrix) -> csr_matrix:

@@ -44,14 +44,6 @@ def patch_residual(N: Sequence[csr_matrix], forces: Sequence[Array]) -> Array:
     return FrameLoads(s, loads, [], 1.0, max(f.max() for f in forces)).residual(N)[:, 0]
 
 
-def load_residual(
-    frame: Frame, s: Array, N: Sequence[csr_matrix], loads: Sequence[NodalLoads]
-) -> Array:
-    """(m, 1) residual (28) at the frame's nodes over the largest force; (m, gdim) where loads have
-    moments: force, and moments about the node over the frame's mean cell size."""
-    return FrameLoads.of(frame, s, N, loads).residual(N)
-
-
 @dataclass(frozen=True, eq=False)
 class FrameLoads:
     """The forces and moments at the frame's nodes that must cancel."""
@@ -104,14 +96,19 @@ class FrameLoads:
         return np.column_stack(found) / self.scale
 
     def residual(self, N: Sequence[csr_matrix]) -> Array:
-        """(m, count)"""
+        """(m, 1) residual (28) at the frame's nodes over the largest force; (m, count) where loads
+        have moments: force, and moments about the node over the frame's mean cell size."""
+        return self.summed([(M.indptr, M.indices, M.data) for M in N])
+
+    def summed(self, N: Sequence[tuple[Array, Array, Array]]) -> Array:
+        """The same of rows as of CSR."""
         # Nᵀ f without the transpose: SciPy takes longer to make that than the product of small
         # frames.
         total, m = np.zeros((len(self.s), self.count)), len(self.s)
-        for side, (M, sign) in enumerate(zip(N, (1.0, -1.0), strict=True)):
-            at = self.at(side, M.indptr, M.indices)
+        for side, ((indptr, nodes, data), sign) in enumerate(zip(N, (1.0, -1.0), strict=True)):
+            at = self.at(side, indptr, nodes)
             for a in range(self.count):
-                total[:, a] += sign * np.bincount(M.indices, M.data * at[:, a], m)
+                total[:, a] += sign * np.bincount(nodes, data * at[:, a], m)
         return total
 
 
@@ -190,7 +187,9 @@ def compatible(A: csr_matrix, s: Array, loading: FrameLoads) -> Parts:
         List of (unknowns, functions (n, f)) per part.
     """
     c, d = loading.count, s.shape[1]
-    seen = abs(A) > 1e-14 * max(A.diagonal().max(), 1e-300)
+    seen = A.copy()
+    seen.data[np.abs(seen.data) <= 1e-14 * max(A.diagonal().max(), 1e-300)] = 0.0
+    seen.eliminate_zeros()
     part = connected_components(seen, directed=False)[1][::c]
     order = np.argsort(part, kind="stable")
     parts = []

@@ -62,14 +62,14 @@ def sums(values: Array, indptr: Array) -> Array:
 
 def spread(values: Array, indptr: Array) -> Array:
     """Values of rows at their entries."""
-    return np.repeat(values, indptr[1:] - indptr[:-1], axis=0)
+    return values.repeat(indptr[1:] - indptr[:-1], axis=0)
 
 
 def adjacency(cells: Array, m: int) -> csr_matrix:
     """(m, m) matrix of ones where two nodes belong to one cell, with the diagonal."""
     n, k = cells.shape
     of = csr_matrix((np.ones(n * k), cells.ravel(), np.arange(0, n * k + 1, k)), shape=(n, m))
-    A = (of.T @ of).tocsr()
+    A = (of.T @ of).T  # symmetric, and as CSR at hand
     A.data[:] = 1.0
     return A
 

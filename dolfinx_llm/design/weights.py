@@ -17,7 +17,6 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.base.sparse import largest_entry
 from dolfinx_llm.design.arguments import weight_arguments
 from dolfinx_llm.design.residual import (
     Corrections,
@@ -27,7 +26,6 @@ from dolfinx_llm.design.residual import (
     pins,
     without_compatible,
 )
-from dolfinx_llm.design.residual import load_residual as load_residual
 from dolfinx_llm.design.residual import patch_residual as patch_residual
 from dolfinx_llm.design.stencils import adjacency, flat_stencils, inner_part
 from dolfinx_llm.geometry.frame import Frame
@@ -89,17 +87,14 @@ def design_weights(
     array([0. , 1.5, 3. ])
     """
     s, rows, _, forces, keep = weight_arguments(frame, s, N, cells, forces, keep)
-    return balanced_rows(frame, s, rows, [NodalLoads.of_forces(f) for f in forces], keep)
+    loads = [NodalLoads.of_forces(f) for f in forces]
+    return balanced_rows(frame, FrameLoads.of(frame, s, rows, loads), rows, keep)[0]
 
 
 def balanced_rows(
-    frame: Frame,
-    s: Array,
-    N: Sequence[csr_matrix],
-    loads: Sequence[NodalLoads],
-    keep: Sequence[Array] | None,
-) -> Sequence[csr_matrix]:
-    """``design_weights`` for loads of either order.
+    frame: Frame, loading: FrameLoads, N: Sequence[csr_matrix], keep: Sequence[Array] | None
+) -> tuple[Sequence[csr_matrix], float, float]:
+    """``design_weights`` for loads of either order; the largest residual and change of an entry.
 
     With moments, pressures linear along the surface pass as well, of 9-node facets those of degree
     2, and rows reproduce polynomials of degree 2. Per frame node there are then multipliers for the
@@ -107,35 +102,34 @@ def balanced_rows(
     c_p = (f_p, (m_p + (s_p - s_J) f_p) / h), w_p the area that the row stands for, since f_p may
     vanish.
     """
-    loading = FrameLoads.of(frame, s, N, loads)
     far = np.abs(frame.x).max() / np.ptp(frame.x, axis=0).max()
     allowed = max(TOLERANCE, 50.0 * np.finfo(float).eps * far)  # rounding of far coordinates
-    ring = adjacency(frame.cells, len(s))
-    best: Sequence[csr_matrix] = N
-    least = (np.inf, np.inf)
-    for widths in widths_of(s, N):
+    ring = adjacency(frame.cells, len(loading.s))
+    rank, best = (np.inf, np.inf), (N, loading.residual(N), 0.0)
+    for widths in widths_of(loading.s, N):
         weights = [
             row_stencil_weights(M, ring, frame, width) for M, width in zip(N, widths, strict=True)
         ]
-        found = _corrected(loading, N, keep, weights)
-        residual = np.abs(loading.residual(found)).max()
-        change = max(largest_entry(M - L) for M, L in zip(found, N, strict=True))
+        found, left, change = _corrected(loading, N, keep, weights)
+        most = float(np.abs(left).max())
         # What passes with the smaller correction; else what is nearer to passing.
-        rank = (max(residual, allowed), change if residual <= allowed else 0.0)
-        if rank < least:
-            best, least = found, rank
-        if residual <= allowed and change <= NARROW:
+        new = max(most, allowed), change if most <= allowed else 0.0
+        if new < rank:
+            rank, best = new, (found, left, change)
+        if most <= allowed and change <= NARROW:
             break
-    residual = np.abs(loading.residual(best)).max(axis=1)
-    if not residual.max() <= allowed:
+    found, left, change = best
+    residual = np.abs(left).max(axis=1)
+    most = float(residual.max())
+    if not most <= allowed:
         worst = np.argsort(residual)[::-1][:5]
         raise ContactError(
-            f"design by weights leaves a patch residual of {residual.max():.1e} of the largest "
+            f"design by weights leaves a patch residual of {most:.1e} of the largest "
             f"nodal force, above {allowed:.0e}, at the frame nodes {worst.tolist()} "
             f"(positions {checks.place(frame.x[worst])}): the frame leaves too little freedom "
             "there. Give a coarser frame, or frame=None for a predicted one"
         )
-    return best
+    return found, most, change
 
 
 def widths_of(s: Array, N: Sequence[csr_matrix]) -> list[tuple[int, int]]:
@@ -177,8 +171,9 @@ def _corrected(
     N: Sequence[csr_matrix],
     keep: Sequence[Array] | None,
     weights: Sequence[csr_matrix],
-) -> Sequence[csr_matrix]:
-    """Rows with the smallest corrections of these weights, which bring (28) near zero.
+) -> tuple[Sequence[csr_matrix], Array, float]:
+    """Rows with the smallest corrections of these weights, which bring (28) near zero, what they
+    leave of it, and the largest of them.
 
     Raises:
         ContactError: the equations of the corrections are singular.
@@ -191,19 +186,22 @@ def _corrected(
     A = corrections.equations
     parts = compatible(A, s, loading)
     solve = factor(A + pins(A, parts)).solve
-    delta = [f.missing for f in found]
-    rows = [st.matrix for st in stencils]
+    delta = best = [f.missing for f in found]
     seen: list[tuple[Array, list[Array]]] = []  # what steps take away, orthonormal
-    designed: Sequence[csr_matrix] = N
-    if high:
-        designed = [M + matrix(d, m) for M, d, matrix in zip(N, delta, rows, strict=True)]
-    residual, least, best = loading.residual(designed), np.inf, designed
+
+    def of(delta: Sequence[Array]) -> Array:
+        """What corrections change of the residual."""
+        entries = zip(stencils, delta, strict=True)
+        return loading.summed([(st.indptr, st.nodes, d) for st, d in entries])
+
+    plain, least = loading.residual(N), np.inf
+    residual = plain + of(delta)
     stalled, passes = 0, False
     for done in range(ROUNDS_MOST[high] + 1):  # the first solve, then refinement against rounding
         left, most = float(np.linalg.norm(residual)), np.abs(residual).max()
         stalled = 0 if left < SLOWER[high] * least else stalled + 1
         if left < least:
-            least, best, passes = left, designed, most <= TOLERANCE
+            least, best, passes = left, delta, most <= TOLERANCE
         if done == ROUNDS_MOST[high] or most <= 0.01 * TOLERANCE:
             break
         if stalled > (0 if passes else RISES):
@@ -212,7 +210,7 @@ def _corrected(
         # Summed as corrections, not as multipliers: what rounding leaves the next round sees.
         step = corrections.under(mu)
         if high:
-            taken = -loading.residual([matrix(d, m) for d, matrix in zip(step, rows, strict=True)])
+            taken = -of(step)
             # Smooth multipliers, which the factor hardly knows, by least squares.
             for other, its in seen * 2:
                 part = float(np.vdot(other, taken))
@@ -225,6 +223,6 @@ def _corrected(
             share = float(np.vdot(taken, residual))
             step = [share * d for d in step]
         delta = [a + b for a, b in zip(delta, step, strict=True)]
-        designed = [M + matrix(d, m) for M, d, matrix in zip(N, delta, rows, strict=True)]
-        residual = loading.residual(designed)
-    return best
+        residual = plain + of(delta)
+    designed = [M + st.matrix(d, m) for M, d, st in zip(N, best, stencils, strict=True)]
+    return designed, loading.residual(designed), max(float(np.abs(d).max()) for d in best)

@@ -45,6 +45,7 @@ class LinearStep:
     pull: Array  # (p,) spring times where they hold these [force], part of the load
     about: Array  # (n,) λ about which rows in contact give way, as g has it [force]
     least: float = 0.0  # where all forces are below, they are none [force]
+    ties: bool = False  # there is nothing else, which E = Lᵀ and D = 0 follow from
 
     @classmethod
     def tied(cls, L: csr_matrix, g: Array) -> LinearStep:
@@ -58,7 +59,7 @@ class LinearStep:
         on, D = np.ones(n, dtype=bool), csr_matrix((L.shape[1],) * 2)
         return cls(
             on, ~on, L, g, np.zeros(n), L.T.tocsr(), D, np.zeros(m), nothing, 0.0, [], nothing,
-            np.zeros(n),
+            np.zeros(n), ties=True,
         )  # fmt: skip
 
     def unloaded(self) -> LinearStep:
@@ -81,7 +82,7 @@ class LinearStep:
     @cached_property
     def symmetric(self) -> bool:
         """Whether the frames are in equilibrium, E = Lᵀ, but for such springs."""
-        return self.holds and (self.E - self.L.T).count_nonzero() == 0
+        return self.ties or self.holds and (self.E - self.L.T).count_nonzero() == 0
 
     def same_matrix(self, other: LinearStep) -> bool:
         """Whether another step differs in loads alone: what has been factorised serves it.

@@ -8,7 +8,7 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import summing
+from dolfinx_llm.base.sparse import summed, summing
 from dolfinx_llm.geometry.cells import (
     CORNERS,
     cell_sizes,
@@ -207,8 +207,8 @@ class ClosestPoints:
             )
             rows = np.append(rows, row[beyond][place])
             columns, values = np.append(columns, nodes), np.append(values, continued)
-        values, index = values / np.bincount(row)[rows], (rows, columns)  # those as close: the same
-        matrix = csr_matrix((values, index), (len(at.x), len(self.x)))
+        values = values / np.bincount(row)[rows]  # those as close: the same
+        matrix = summed(values, rows, columns, (len(at.x), len(self.x)))
         if element.order > 1:
             matrix.data[np.abs(matrix.data) < UNFELT] = 0.0
             matrix.eliminate_zeros()

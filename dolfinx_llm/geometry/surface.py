@@ -83,11 +83,12 @@ class Surface:
         return found
 
     def part(self, facets: Array) -> Surface:
-        """Some of the facets (numbers), and their nodes, in the same order."""
+        """Some of the facets (numbers), and their nodes, in the same order; of all the same."""
+        if np.array_equal(facets, np.arange(len(self.cells))):
+            return self
         chosen = self.cells[facets]
         nodes, cells = np.unique(chosen, return_inverse=True)
         cells = cells.reshape(chosen.shape)  # of no facets as well
-        drawn = None if self.drawn is None else self.drawn[nodes]
         return replace(
             self,
             x=self.x[nodes],
@@ -95,7 +96,7 @@ class Surface:
             elements=None if self.elements is None else cells,
             dofs=self.dofs[nodes],
             owner=self.owner[nodes],
-            drawn=drawn,
+            drawn=None if self.drawn is None else self.drawn[nodes],
         )
 
     def of_corners(self) -> Surface:
@@ -126,12 +127,12 @@ class Surface:
         x[self.elements[:, c:]] = self.element.between(x[self.facets])[:, c:]
         return x
 
-    @property
+    @cached_property
     def normal(self) -> Array:
         """(gdim,) sum of the outward vector areas [area]."""
         return vector_areas(self.x, self.facets).sum(axis=0)
 
-    @property
+    @cached_property
     def diameter(self) -> float:
         """Diagonal of the bounding box [length]."""
         return float(np.linalg.norm(np.ptp(self.x, axis=0)))

@@ -42,7 +42,14 @@ from dolfinx_llm.interface.join import Part, joined, whole_piece
 from dolfinx_llm.interface.nearer import balanced_parts
 from dolfinx_llm.interface.rows import balanced, bent_pairs, designed, say_left
 from dolfinx_llm.interface.shared import check_pairs, shared_by, shared_nodes
-from dolfinx_llm.interface.site import Site, check_order, find_site, say_straight, with_law
+from dolfinx_llm.interface.site import (
+    Site,
+    check_order,
+    find_site,
+    places,
+    say_straight,
+    with_law,
+)
 from dolfinx_llm.interface.supports import in_supports_planes, kept_nodes, straight
 from dolfinx_llm.interface.touching import check_flat, find_pieces
 
@@ -176,7 +183,7 @@ def assembled(
         for side in site.whole:
             _say_straight(side, interface.name, notes)
     rims = [
-        rim[np.isin(side.dofs, p.surface.dofs)][p.nodes]
+        rim[places(side, p.surface)][p.nodes]
         for rim, side, p in zip(whole_rims, site.whole, pairs, strict=True)
     ]
     if site.scalar:

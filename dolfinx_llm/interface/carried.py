@@ -12,6 +12,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.design.balance import balance
 from dolfinx_llm.design.bent import bent_normals, bent_rows
 from dolfinx_llm.design.curved import smooth_rows
+from dolfinx_llm.design.residual import FrameLoads
 from dolfinx_llm.design.weights import balanced_rows
 from dolfinx_llm.geometry.frame import Frame, bent
 from dolfinx_llm.geometry.loads import NodalLoads, loads_in_contact
@@ -46,7 +47,8 @@ def carried_rows(moving: Surface, carrier: Surface) -> tuple[Array, csr_matrix, 
         N = bent_rows(frame, (own, other), bent_normals(frame), keep)
     else:
         s, plain = plane.project(frame.x), (own.N, other.N)
-        N = list(balanced_rows(frame, s, plain, (own.loads, other.loads), keep))
+        loading = FrameLoads.of(frame, s, plain, (own.loads, other.loads))
+        N = [*balanced_rows(frame, loading, plain, keep)[0]]
     return own.nodes, N[0], float(abs(N[0] - own.N).max())
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, identity
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import diagonal
+from dolfinx_llm.base.sparse import diagonal, pushed
 from dolfinx_llm.design.curved import nodal_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
@@ -125,7 +125,7 @@ class InterfaceGeometry:
             return pairs.x, pairs.forces
         assert self.frame is not None
         x = self.frame.x
-        areas = [N.T @ p.forces for N, p in zip(self.law_shapes, self.pairs, strict=True)]
+        areas = [pushed(N, p.forces) for N, p in zip(self.law_shapes, self.pairs, strict=True)]
         return x, np.mean(areas, axis=0)
 
     @cached_property

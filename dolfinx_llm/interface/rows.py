@@ -11,7 +11,6 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.base.sparse import largest_entry
 from dolfinx_llm.design.balance import balance
 from dolfinx_llm.design.bent import bent_normals, bent_rows, from_smooth
 from dolfinx_llm.design.curved import (
@@ -25,10 +24,10 @@ from dolfinx_llm.design.curved import (
 from dolfinx_llm.design.line import check_closed_form
 from dolfinx_llm.design.outline import at_outline
 from dolfinx_llm.design.quadric import SmoothSurface
-from dolfinx_llm.design.weights import TOLERANCE, balanced_rows, load_residual
+from dolfinx_llm.design.residual import FrameLoads
+from dolfinx_llm.design.weights import TOLERANCE, balanced_rows
 from dolfinx_llm.geometry.cells import outline_edges, unit_normals
 from dolfinx_llm.geometry.frame import Frame
-from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.pairs import ContactPairs, rank_certificate, with_weights
 from dolfinx_llm.interface.choices import Interface
@@ -226,47 +225,41 @@ def designed(
     designs: bool = True,
 ) -> tuple[list[ContactPairs], Certificate]:
     """Pairs after design by weights where it is asked for or needed, and their certificate."""
-    loads, s = [p.loads for p in pairs], plane.project(frame.x)
-    plain = [p.N for p in pairs]
-    before = float(np.abs(load_residual(frame, s, plain, loads)).max())
-    N: Sequence[csr_matrix] = plain
+    N: Sequence[csr_matrix] = [p.N for p in pairs]
+    loading = FrameLoads.of(frame, plane.project(frame.x), N, [p.loads for p in pairs])
+    before = residual = float(np.abs(loading.residual(N)).max())
+    change = 0.0
     if not designs:
         notes.append("design: left out, supports bear what does not balance")
     elif interface.design == "weights" or (interface.design == "auto" and before > TOLERANCE):
-        N, loads = _balanced(frame, s, plain, loads, keep)
+        N, residual, change = _balanced(frame, loading, N, keep)
         pairs = [with_weights(p, M, frame) for p, M in zip(pairs, N)]
         notes.append("design: rows of L_b corrected (weights)")
     elif interface.design == "auto":
         notes.append("design: left out, the frame passes as it is")
     elif interface.design is None:
         notes.append(f"design: none, as asked; patch residual {before:.1e}")
-    residual = float(np.abs(load_residual(frame, s, N, loads)).max())
     if interface.design == "positions" and frame.gdim == 2:
         check_closed_form(residual, pairs, frame)
     singular = rank_certificate(frame, N)
     size = max(p.surface.diameter for p in pairs)
     linear = max(np.abs(plane.project(p.x) - plane.project(p.x - p.gap)).max() for p in pairs)
-    change = 0.0 if N is plain else max(largest_entry(a - b) for a, b in zip(N, plain))
-    return pairs, Certificate(residual, before, singular, float(linear / size), float(change))
+    return pairs, Certificate(residual, before, singular, float(linear / size), change)
 
 
 def _balanced(
-    frame: Frame,
-    s: Array,
-    plain: Sequence[csr_matrix],
-    loads: list[NodalLoads],
-    keep: Sequence[Array] | None,
-) -> tuple[Sequence[csr_matrix], list[NodalLoads]]:
-    """Rows through which loads pass, and which these are: those of degree 2 only if they can. Rows
-    at supports bind the frame's edge: better left alone, where that is enough."""
-    tries = [(loads, keep)] if keep is None else [(loads, keep), (loads, None)]
-    if all(load.second is not None for load in loads):
-        linear = [load.linear() for load in loads]
+    frame: Frame, loading: FrameLoads, plain: Sequence[csr_matrix], keep: Sequence[Array] | None
+) -> tuple[Sequence[csr_matrix], float, float]:
+    """``balanced_rows`` through which loads pass: those of degree 2 only if they can. Rows at
+    supports bind the frame's edge: better left alone, where that is enough."""
+    tries = [(loading, keep)] if keep is None else [(loading, keep), (loading, None)]
+    if loading.square:
+        linear = replace(loading, loads=[load.linear() for load in loading.loads])
         tries += [(linear, stay) for _, stay in tries]
     for of, stay in tries[:-1]:
         try:
-            return balanced_rows(frame, s, plain, of, stay), of
+            return balanced_rows(frame, of, plain, stay)
         except ContactError:
             pass
     of, stay = tries[-1]
-    return balanced_rows(frame, s, plain, of, stay), of
+    return balanced_rows(frame, of, plain, stay)

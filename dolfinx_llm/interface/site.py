@@ -166,6 +166,13 @@ def say_straight(interface: Interface, sides: Sequence[Surface], notes: list[str
             notes.append(text)
 
 
+def places(whole: Surface, part: Surface) -> Array:
+    """(n,) numbers of the nodes of a surface that a part of it has."""
+    if part is whole:
+        return np.arange(len(whole.x))
+    return np.flatnonzero(np.isin(whole.dofs, part.dofs))
+
+
 def space_of(tags: Any, spaces: Sequence[Any]) -> int:
     """Index of the function space whose mesh the tags mark; the first, if there is none."""
     own = [i for i, V in enumerate(spaces) if compat.tags_belong_to(tags, V.mesh)]

@@ -15,7 +15,7 @@ from dolfinx_llm.geometry.overlap_curved import is_flat
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.geometry.pieces import STRAIGHT
 from dolfinx_llm.geometry.surface import Surface
-from dolfinx_llm.interface.site import Site
+from dolfinx_llm.interface.site import Site, places
 
 ACROSS = 1e-6  # direction cosine with the normal up to which a dof lies in the contact plane
 FINER = 0.9  # distance of a tool's nodes over the other's, below which it is the finer one
@@ -40,7 +40,7 @@ def prescribed_side(site: Site, sides: Sequence[Surface]) -> int | None:
     if site.held is None or asked or not law.opens or law.gives:
         return None
     known = [
-        bool(held[np.isin(whole.dofs, side.dofs)].all())
+        bool(held[places(whole, side)].all())
         for held, whole, side in zip(site.held, site.whole, sides, strict=True)
     ]
     if known[0] == known[1]:
@@ -96,7 +96,7 @@ def in_supports_planes(
 def _held_dofs(site: Site, pairs: Sequence[ContactPairs]) -> list[Array]:
     """Per side (n, components) prescribed dofs of pairs, of a site that knows them."""
     sides = zip(site.whole, site.held or (), pairs, strict=True)
-    return [held[np.isin(own.dofs, p.surface.dofs)][p.nodes] for own, held, p in sides]
+    return [held[places(own, p.surface)][p.nodes] for own, held, p in sides]
 
 
 def kept_nodes(site: Site, pairs: Sequence[ContactPairs]) -> list[Array] | None:
@@ -113,6 +113,6 @@ def kept_nodes(site: Site, pairs: Sequence[ContactPairs]) -> list[Array] | None:
         if held:
             found |= (held[i] & used).any(axis=1)
         if site.shared:
-            found |= site.shared[i][np.isin(whole.dofs, p.surface.dofs)][p.nodes]
+            found |= site.shared[i][places(whole, p.surface)][p.nodes]
         keep.append(found)
     return keep if any(k.any() for k in keep) else None

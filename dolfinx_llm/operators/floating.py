@@ -11,7 +11,7 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import gather_rows
-from dolfinx_llm.base.sparse import diagonal, symmetric_factors
+from dolfinx_llm.base.sparse import NO_ROWS, diagonal, symmetric_factors
 from dolfinx_llm.operators.motions import RigidMotions
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import local_csr
@@ -57,7 +57,7 @@ class Floating:
         self.rigid = rigid
         self.count, self.loose = self.rigid.free, loose
         self.pins = rigid.pins(self.count)
-        self.square, self._at_pins = csr_matrix((0, 0)), None
+        self.square, self._at_pins = NO_ROWS, None
         if self.count:
             at_pins = vstack(self.comm.allgather(self._pinned), format="csc")
             self.square, self._at_pins = (at_pins.T @ at_pins).tocsr(), splu(at_pins)

@@ -16,7 +16,7 @@ from scipy.sparse import bsr_matrix, csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import chosen
-from dolfinx_llm.base.sparse import placed
+from dolfinx_llm.base.sparse import NO_ROWS, placed
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.petsc import diagonal_of, products
 
@@ -110,18 +110,19 @@ class RigidMotions:
 def no_motions(bodies: Bodies, n: int) -> RigidMotions:
     """None at all, of bodies with n dofs on this rank: where ties hold them nobody asks."""
     none, parts = csr_matrix((n, 0)), np.zeros((0, bodies.ways))
-    body, square = np.zeros(0, dtype=np.int64), csr_matrix((0, 0))
-    return RigidMotions(bodies, body, parts, 0, none, none, square, np.zeros(0))
+    body = np.zeros(0, dtype=np.int64)
+    return RigidMotions(bodies, body, parts, 0, none, none, NO_ROWS, np.zeros(0))
 
 
 def rigid_motions(bodies: Bodies, K: Any, fixed: Array) -> RigidMotions:
     """The rigid motions of each body that supports alone, (n_local,) fixed dofs, do not hold, or
     only by weak springs; K has identity rows at fixed dofs."""
     of = np.repeat(bodies.label, bodies.components)
-    R = bodies.own_modes(bodies.label, bodies.points).reshape(-1, bodies.ways)
     allowed = _allowed(bodies, fixed)
     moved = np.zeros((len(fixed), allowed.shape[2]))  # of all bodies at once
-    moved[bodies.dofs] = _combined(R, allowed, of)
+    own_modes = bodies.own_modes(bodies.label, bodies.points).reshape(-1, bodies.ways)
+    moved[bodies.dofs] = _combined(own_modes, allowed, of)
+    del own_modes  # the largest of all tables
     moved[fixed] = 0.0
     pushed, diagonal = products(K, moved), np.abs(diagonal_of(K))[bodies.dofs]
     found = _of_bodies(bodies, of, allowed, (moved[bodies.dofs], pushed[bodies.dofs], diagonal))
@@ -129,7 +130,7 @@ def rigid_motions(bodies: Bodies, K: Any, fixed: Array) -> RigidMotions:
              for j in np.flatnonzero(h == held)]  # fmt: skip
     k, width = len(order), moved.shape[1]
     number, C = np.full((bodies.count, width), -1), np.zeros((bodies.count, width, width))
-    parts, noise, free = np.zeros((k, R.shape[1])), np.zeros(k), 0
+    parts, noise, free = np.zeros((k, bodies.ways)), np.zeros(k), 0
     for i, (b, j) in enumerate(order):
         vectors, _, held, level = found[b]
         number[b, j], C[b, : len(vectors), j] = i, vectors[:, j]

@@ -11,7 +11,7 @@ from scipy.sparse import coo_matrix, csr_matrix, identity, vstack
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import chosen
-from dolfinx_llm.base.sparse import symmetric_factors
+from dolfinx_llm.base.sparse import NO_ROWS, symmetric_factors
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.floating import Loose
 from dolfinx_llm.operators.motions import (
@@ -75,7 +75,7 @@ def floating_motions(
     left = left_by_supports(bodies, fixed)
     interfaces = constraints() if len(left[0]) else []
     if tied and not unheld(bodies, left, interfaces).count:
-        return no_motions(bodies, len(fixed)), Loose(csr_matrix((0, 0))), True
+        return no_motions(bodies, len(fixed)), Loose(NO_ROWS), True
     rigid = rigid_motions(bodies, K, fixed)
     if not (tied or bodies.components == 1):
         free = rigid.body[: rigid.free], rigid.parts[: rigid.free]
@@ -120,7 +120,7 @@ def unheld(
     body, parts = motions
     free, ways = parts.shape
     if not free:
-        return Loose(csr_matrix((0, 0)))
+        return Loose(NO_ROWS)
     row = body[:, None] * ways + np.arange(ways)
     at = row.ravel(), np.repeat(np.arange(free), ways)
     moves = csr_matrix((parts.ravel(), at), (bodies.count * ways, free))

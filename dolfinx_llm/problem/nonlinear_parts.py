@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -14,7 +13,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.base.parallel import chosen, collective, told
+from dolfinx_llm.base.parallel import chosen, collective, copied
 from dolfinx_llm.finite.frame.design import Design
 from dolfinx_llm.finite.frame.divided_sides import DividedSides, where_sharp
 from dolfinx_llm.finite.frame.self_sides import SelfSides
@@ -264,7 +263,7 @@ def results_of(
     placed, dofs = newton.equations.interfaces, newton.equations.bodies.dofs
     of = zip(placed, newton.terms, newton.slips, strict=True)
     results = [moving_results(p.what, p.at(dofs, state.u), terms, *slip) for p, terms, slip in of]
-    results = told(dofs.comm, deepcopy(results))  # their arrays are the user's
+    results = copied(dofs.comm, results)  # their arrays are the user's
     for interface, p, result in zip(interfaces, placed, results, strict=True):
         sides = p.what.sides
         if result.frame is not None and sides.prescribed:

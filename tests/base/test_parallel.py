@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 from conftest import run_mpi_json
+from mpi4py import MPI
 from pressed_scenes import Punch
+
+from dolfinx_llm.base.parallel import copied
 
 
 @pytest.mark.parametrize("ranks", [2, 3])
@@ -18,6 +21,16 @@ def test_ranks_that_round_otherwise(ranks):
     assert found["error"] == "on rank 0"
     refused = {name for name, is_so in found.items() if is_so is True}
     assert refused == {name for name in found if name.startswith("another")}
+
+
+def test_copies_are_the_users():
+    """Arrays of their own, which may be written to where those before may not; what stands in
+    several places still does."""
+    x = np.broadcast_to(np.arange(3.0), (2, 3))
+    one, other = copied(MPI.COMM_WORLD, [x, x])
+    assert one is other and np.array_equal(one, x)
+    one[:] = 7.0
+    assert x.max() == 2.0
 
 
 def test_what_is_covered_by_rounding_alone():

@@ -1,5 +1,7 @@
 """A form of (31) as a plug-in, dense in NumPy; rows that give way."""
 
+from dataclasses import replace
+
 import changed
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from scipy.sparse import csr_matrix
 import dolfinx_llm as llm
 from dolfinx_llm.contact.equations import equations
 from dolfinx_llm.forms import choice
+from dolfinx_llm.forms.step import LinearStep
 
 COMM = MPI.COMM_SELF
 
@@ -121,3 +124,11 @@ def test_compliance(monkeypatch):
             assert closed.any() and away.max() <= 1e-9 * np.abs(side.u).max()
     for other in answers[1:]:
         assert np.abs(other - answers[0]).max() <= 1e-9 * np.abs(answers[0]).max()
+
+
+def test_ties_are_symmetric():
+    """Ties alone by what they are, which nothing is multiplied for; others by their rows."""
+    step = LinearStep.tied(csr_matrix([[1.0, 0.0], [0.5, 0.5]]), np.zeros(2))
+    assert replace(step, E=None).symmetric and step.transposed().symmetric
+    assert replace(step, ties=False).symmetric
+    assert not replace(step, E=2.0 * step.E, ties=False).symmetric

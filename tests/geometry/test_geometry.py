@@ -12,10 +12,14 @@ from scenes import grid
 
 import dolfinx_llm as llm
 from dolfinx_llm.design import weights as design
+from dolfinx_llm.design.residual import FrameLoads
 from dolfinx_llm.geometry import overlap_flat as patch
 from dolfinx_llm.geometry.cells import shape_functions, vector_areas
 from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.pairs import ContactPairs
+from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.interface.site import places
 
 pytestmark = pytest.mark.quick
 
@@ -606,6 +610,11 @@ def test_design_weights(counts, kind, seed):
     assert sigma[1][-1] > 0.5 * sigma[0][-1] > 0.0
     change = max(abs(a - b).max() for a, b in zip(N, designed, strict=True))
     assert change < 0.35
+    loading = FrameLoads.of(frame, x, N, [NodalLoads.of_forces(f) for f in forces])
+    rows, residual, largest = design.balanced_rows(frame, loading, N, None)  # tells the same
+    assert all(abs(a - b).max() == 0.0 for a, b in zip(rows, designed, strict=True))
+    assert residual == np.abs(loading.residual(designed)).max()
+    assert abs(largest - change) < 1e-15
 
 
 def test_design_weights_leaves_a_passing_frame_alone():
@@ -630,6 +639,18 @@ def test_design_weights_refuses_what_it_cannot_do():
             assert "frame nodes" in str(error)
         else:
             assert np.abs(design.patch_residual(designed, forces)).max() <= 1e-13
+
+
+def test_all_of_a_surface_is_that_surface():
+    """What it knows of itself is found once; other parts have nodes of their own."""
+    x, q = grid(3, 2)
+    n = len(x)
+    side = Surface(np.column_stack([x, np.zeros(n)]), q, np.arange(n), np.zeros(n), "tag 1")
+    assert side.part(np.arange(len(q))) is side
+    assert side.part(np.arange(len(q))[::-1]) is not side
+    few = side.part(np.array([0]))
+    assert len(few.x) == 4 and np.array_equal(places(side, few), few.dofs)
+    assert np.array_equal(places(side, side), side.dofs)
 
 
 def test_frames_and_surfaces_move():

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.parallel import told
-from dolfinx_llm.base.sparse import diagonal
+from dolfinx_llm.base.parallel import copied
+from dolfinx_llm.base.sparse import diagonal, pushed
 from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.contact.results.carried_frame import (
     at_carried_frame,
@@ -133,7 +132,7 @@ def collect_results(
             sides = less(sides, geometry.pairs, state.at_supports * multiplier[place.rows])
         found = _interface_result(geometry, sides, nodal, v, state, shares)
         results.append(replace(found, rotation=geometry.rotation(w[place.frame])))
-    return told(operators.comm, deepcopy(results))  # their arrays are the user's
+    return copied(operators.comm, results)  # their arrays are the user's
 
 
 def _may_pull(geometry: InterfaceGeometry, state: InterfaceState) -> Array:
@@ -196,7 +195,7 @@ def _interface_result(
     if shares is not None and (k := geometry.site.prescribed) is not None:
         force = along_normals((1.0, -1.0)[k] * nodal[k].force, normal)[:, 0]
     weights = [N.maximum(0.0) for N in geometry.law_shapes]
-    about = np.mean([W.T @ p.forces for W, p in zip(weights, geometry.pairs)], axis=0)
+    about = np.mean([pushed(W, p.forces) for W, p in zip(weights, geometry.pairs)], axis=0)
     # At the rim of what is covered corrected rows have entries of both signs, and may leave a node
     # next to nothing of either force or area. What acts there is the mean of the pairs about it.
     thin = area < CANCELLED * about
@@ -243,7 +242,7 @@ def _at_frame(
     law = geometry.interface.law
 
     def total(forces: list[Array]) -> Array:
-        return 0.5 * (shapes[0].T @ forces[0] - shapes[1].T @ forces[1])
+        return 0.5 * (pushed(shapes[0], forces[0]) - pushed(shapes[1], forces[1]))
 
     press = drag = total([s.force for s in sides])
     if law.slips and not law.gives:

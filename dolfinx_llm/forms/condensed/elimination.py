@@ -70,7 +70,7 @@ class NodeElimination:
     """u = A (L_b v - g) + N w at some dofs of one rank, and the rows that bind the frame alone."""
 
     A: csr_matrix  # (S, R)
-    N: csr_matrix  # (S, S) the identity away from the contact
+    N: csr_matrix  # (S, S) the identity away from the contact, without what is fixed
     W: csr_matrix  # (k, R) orthonormal combinations of rows that move no free dof
 
 
@@ -95,7 +95,9 @@ def eliminate_at_nodes(dofs: Array, vectors: Array, fixed: Array) -> NodeElimina
     value = inverse[group, :, place]
     A = placed(value, dofs, np.arange(R)[:, None], (n, R))
 
-    N = diagonal(1.0 - np.isin(np.arange(n), nodes[free]))
+    away = ~fixed
+    away[nodes[free]] = False
+    N = diagonal(away)
     g, j, vector = _unit_eigenvectors(free[:, :, None] * np.eye(gdim) - inverse @ S)
     if len(g):
         seat = np.argsort(~free, axis=1, kind="stable")[g, j]  # free dofs first

@@ -71,7 +71,8 @@ class FrictionStep:
             self._split, self._rows, self._fixed, np.ones(self._step.L.shape[1]), soft, whole=True
         )
         self._E, self._D = law.E[:, self._on], law.D
-        self._test = self._form.columns_of(self._E.T.tocsr()[self._rows.multipliers.mine])
+        seen = self._E.T.tocsr()[self._rows.multipliers.mine]
+        self._test = self._form.columns_of(self._form.A @ seen)
         laws = self._form.frame_law(self._E, self._D, self._scale)
         self._corner: Any = self._form.corner(-laws, self._scale, self._test)
 

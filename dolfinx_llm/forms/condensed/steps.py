@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import gather_rows
+from dolfinx_llm.base.sparse import of_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.friction import SOLVED, FrictionStep
 from dolfinx_llm.forms.condensed.friction_system import FrictionSystem
@@ -173,7 +174,7 @@ class CondensedForm(WholeSteps):
         eliminated = EliminatedRows(
             rows.dofs[on],
             rows.base[on],
-            step.L[on],
+            of_rows(step.L, on),
             numbering,
             self.operators.unknowns,
             self._items,

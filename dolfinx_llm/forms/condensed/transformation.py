@@ -11,7 +11,7 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix, diags
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import below, diagonal, renumbered
+from dolfinx_llm.base.sparse import below, of_rows, renumbered
 from dolfinx_llm.forms.condensed.elimination import (
     EliminatedRows,
     FrameElimination,
@@ -43,15 +43,17 @@ class Transformation:
         on, at = fixed[split.surface], np.searchsorted(split.surface, self.dofs)
         node = eliminate_at_nodes(at, self.vectors, on)
         self.A, self.W = node.A, node.W  # (S, R) and (k, R)
-        self.L = rows.L[rows.multipliers.mine]  # rows of this rank
+        self.L = of_rows(rows.L, rows.multipliers.mine)  # of this rank
         self.frame = FrameElimination(self.comm, *self._frame_rows(soft))
-        self._N_S = node.N @ diagonal(~on)
-        self.moved = moved = self.L @ self.frame.Z  # (R, m) what these rows see of the frames
+        self._N_S = node.N
+        # (R, m) what these rows see of the frames
+        self.moved = self.L @ self.frame.Z if len(self.frame.dependent) else self.L
         held = None if proximal is None else abs(self.frame.Z).T @ proximal > 0.0
         if held is not None and soft is not None:
             held[self.frame.dependent] = True  # the places of forces
-        self.tail = Tail(self.comm, self.gdim, rows, self._N_S, self.A @ moved, held, whole)
-        self.T = self.columns_of(moved)
+        motion = self.A @ self.moved
+        self.tail = Tail(self.comm, self.gdim, rows, self._N_S, motion, held, whole)
+        self.T = self.columns_of(motion)
 
     def _frame_rows(self, soft: Array | None) -> tuple[csr_matrix, csr_matrix | None]:
         """D, the rows of all ranks that bind the frame alone, and how they give way, the same on
@@ -81,10 +83,11 @@ class Transformation:
         call for by their compliance: these are no unknowns, as they leave the frame at rest."""
         return self._W_all.T @ self.frame.contradicting(self._W_all @ g, c)
 
-    def columns_of(self, L: csr_matrix) -> Any:
-        """T_S, where the rows of this rank see the frames' motion as L (R, m)."""
+    def columns_of(self, motion: csr_matrix) -> Any:
+        """T_S of eliminated dofs that move as (S, m) with the frames: A L of rows that see these
+        move as L."""
         tail = self.tail
-        local = renumbered(self.A @ L, tail.columns, tail.sizes[1])
+        local = renumbered(motion, tail.columns, tail.sizes[1])
         if self._N_S.nnz:
             local = local + renumbered(self._N_S, tail.left + tail.first, tail.sizes[1])
         return create_aij(self.comm, self.split.K_SS.getSizes()[0], tail.sizes, local)
