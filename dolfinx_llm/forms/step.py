@@ -48,17 +48,18 @@ class LinearStep:
     ties: bool = False  # there is nothing else, which E = Lᵀ and D = 0 follow from
 
     @classmethod
-    def tied(cls, L: csr_matrix, g: Array) -> LinearStep:
+    def tied(cls, L: csr_matrix, g: Array, E: csr_matrix | None = None) -> LinearStep:
         """All rows hold.
 
         Args:
             L: (n, m) L_b.
             g: (n,) [length].
+            E: (m, n) its transpose, where that is at hand.
         """
         (n, m), nothing = L.shape, np.zeros(0)
-        on, D = np.ones(n, dtype=bool), csr_matrix((L.shape[1],) * 2)
+        on, D, E = np.ones(n, dtype=bool), csr_matrix((m, m)), L.T.tocsr() if E is None else E
         return cls(
-            on, ~on, L, g, np.zeros(n), L.T.tocsr(), D, np.zeros(m), nothing, 0.0, [], nothing,
+            on, ~on, L, g, np.zeros(n), E, D, np.zeros(m), nothing, 0.0, [], nothing,
             np.zeros(n), ties=True,
         )  # fmt: skip
 

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from scipy.sparse import bsr_matrix, csr_matrix
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import below, placed, renumbered
+from dolfinx_llm.base.sparse import placed, renumbered
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.obstacle import Swings
@@ -45,7 +45,7 @@ def interface_operator(
     what balances in L_bᵀ λ has no resultant, however much the nodes' normals differ. Of a rigid
     end, a frame of one node, ``swings`` are added to the directions, pair by pair.
     """
-    blocks = []
+    values, columns, counts = [], [], []
     for side in pairs:
         N, (c, d) = side.N, (side.base.shape[1], directions.shape[1])
         row, col = np.repeat(np.arange(N.shape[0]), np.diff(N.indptr)), N.indices
@@ -55,10 +55,14 @@ def interface_operator(
         else:
             ways = directions[col] if swings is None else directions[col] + swings.motions[row]
             value = np.einsum("nci,ndi->ncd", side.base[row], ways)  # the same on all ranks
-        entries = value * N.data[:, None, None], col, N.indptr
-        blocks.append(bsr_matrix(entries, (N.shape[0] * c, N.shape[1] * d)).tocsr())
-        blocks[-1].eliminate_zeros()
-    return below(blocks)
+        values.append(value * N.data[:, None, None])
+        columns.append(col)
+        counts.append(np.diff(N.indptr))
+    starts = np.append(0, np.cumsum(np.concatenate(counts)))
+    entries = np.concatenate(values), np.concatenate(columns), starts
+    found = bsr_matrix(entries, ((len(starts) - 1) * c, N.shape[1] * d)).tocsr()
+    found.eliminate_zeros()
+    return found
 
 
 def frame_operator(geometry: InterfaceGeometry) -> csr_matrix:

@@ -24,6 +24,7 @@ from dolfinx_llm.forms import cost
 from dolfinx_llm.forms.condensed import friction, friction_system, krylov, modes
 from dolfinx_llm.forms.condensed import kept as multigrid
 from dolfinx_llm.forms.condensed import system as condensed
+from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 
 COMM = MPI.COMM_SELF
 DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky"}
@@ -398,8 +399,15 @@ def test_friction_takes_as_many_iterations_with_another_multigrid(monkeypatch):
 
 def test_aggregates_are_parted_where_what_stuck_slips(monkeypatch):
     """The multigrid of stick serves slip, parted, as well as one with aggregates of its own that
-    know of sliding; forces are the same."""
-    found = []
+    know of sliding; forces are the same. Of the old one nothing but its interpolations is left
+    before K's inside is taken back."""
+    found, holders, leave = [], [], SplitStiffness.leave
+
+    def counted(split, matrix):
+        holders.append(matrix.refcount)
+        leave(split, matrix)
+
+    monkeypatch.setattr(SplitStiffness, "leave", counted)
     for part in (multigrid.KeptMultigrid.parts, lambda *_: False):
         monkeypatch.setattr(multigrid.KeptMultigrid, "parts", part)
         forces, problem = dragged("condensed")
@@ -410,6 +418,7 @@ def test_aggregates_are_parted_where_what_stuck_slips(monkeypatch):
     assert (parted, own) == ("mg", "gamg")
     assert few <= 1.2 * many
     assert np.abs(a - b).max() <= 1e-9 * np.abs(b).max()
+    assert holders and max(holders) == 1
 
 
 def test_multigrid_of_slip_knows_that_bodies_slide(monkeypatch):

@@ -178,7 +178,7 @@ class Equations:
     @cached_property
     def _ties(self) -> LinearStep:
         """The step of ties alone, but for g."""
-        step = LinearStep.tied(self.L, np.zeros(self.n))
+        step = LinearStep.tied(self.L, np.zeros(self.n), self.L_t)
         return replace(step, active=self.closed_rows())
 
     def law_rows(self, s: InterfaceState, multiplier: Array, w: Array, calmed: bool) -> LawRows:

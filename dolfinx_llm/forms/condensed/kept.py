@@ -121,6 +121,7 @@ class KeptMultigrid:
         freed; collective."""
         pc = self.ksp.getPC()
         between = [pc.getMGInterpolation(level) for level in range(1, pc.getMGLevels())]
+        del pc  # holds all of it
         self._free_matrix()
         return between
 
@@ -208,8 +209,8 @@ class KeptMultigrid:
             item.destroy()
 
     def _free_matrix(self) -> None:
+        self.ksp.destroy()  # first: K's inside is copied where it was
         self._split.leave(self.matrix)
-        self.ksp.destroy()
         self.matrix.destroy()
 
 

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix, diags
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import below, of_rows, renumbered
+from dolfinx_llm.base.sparse import below, of_rows, pushed, renumbered
 from dolfinx_llm.forms.condensed.elimination import (
     EliminatedRows,
     FrameElimination,
@@ -145,7 +145,7 @@ class Transformation:
         load = np.zeros(n + self.tail.sizes[0])
         if pull is not None or self.proximal is not None:
             pull = self._pull(pull, v_0)
-            load[n + self.tail.seats] = (self.frame.Z.T @ pull)[self.tail.mine_used]
+            load[n + self.tail.seats] = pushed(self.frame.Z, pull)[self.tail.mine_used]
         return load
 
     def _pull(self, pull: Array | None, v: Array) -> Array:
@@ -196,7 +196,7 @@ class Transformation:
     def multipliers(self, force: Array, v: Array, pull: Array | None) -> Array:
         """λ of this rank from the reactions f - K u (S,), zero at fixed dofs. What a row does to
         the frame alone follows from the frame's equilibrium."""
-        found = self.A.T @ force
+        found = pushed(self.A, force)
         if len(self.frame.dependent):
             missing = self.frame_forces(found, v, pull)[self.frame.dependent]
             found = found - self.W.T @ self.frame.multipliers(missing)[self._mine_D]
