@@ -1,11 +1,14 @@
 """Contact that comes to no rest in one form of the system: another one goes on."""
 
 import numpy as np
+import other_form
 import pytest
 import scenes
 import wall_scenes as walls
+from conftest import run_mpi_json
 from dolfinx import fem
 from mpi4py import MPI
+from sampling import longer
 
 import dolfinx_llm as llm
 from dolfinx_llm.contact.search.circles import UNSETTLED
@@ -101,3 +104,15 @@ def test_forms_agree_where_one_comes_to_no_rest():
     """Bodies that were asked once came to none in the second step, which was an error."""
     for a, b in zip(pushed("saddle"), pushed("condensed"), strict=True):
         assert np.abs(a - b).max() <= 1e-8 * np.abs(b).max()
+
+
+@pytest.mark.parametrize("ranks", [1, longer(3)])
+def test_goes_on_between_bodies_of_several_laws(ranks):
+    """One of which remembers what has slid, in the middle of load steps, on any number of ranks."""
+    asked_for = other_form.of_all(MPI.COMM_SELF)
+    found = asked_for if ranks == 1 else run_mpi_json("other_form.py", ranks)
+    expected = asked_for["saddle"][0]
+    for solver in other_form.FIRST:
+        for steps in found[solver]:
+            for a, b in zip(steps, expected, strict=True):
+                assert np.abs(np.subtract(a, b)).max() <= 1e-10 * np.abs(b).max()
