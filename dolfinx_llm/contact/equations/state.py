@@ -102,7 +102,7 @@ class InterfaceState:
             whether they do, see ``flickering``.
         adrift, asked: (k,) see ``Followers``; whether ties have been chosen in this load step.
         grazes: friction of open pairs, over the normal force.
-        pulled: (k,) nodes that corrected rows pull at: they slip as another does.
+        pulled: (k,) nodes that corrected rows pull at, or push along: they slip as another does.
         still, at_supports: (m d,) motions of the frame that supports tell; (n c,) by which rows.
     """
 

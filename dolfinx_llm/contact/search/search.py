@@ -27,6 +27,7 @@ from dolfinx_llm.contact.search.iterate import ENOUGH, Iterate, entry, take_over
 from dolfinx_llm.contact.search.let_go import let_go
 from dolfinx_llm.contact.search.parted import Parted
 from dolfinx_llm.contact.search.reached import Reached
+from dolfinx_llm.contact.search.runaways import halt_slips
 from dolfinx_llm.contact.search.soft_rows import CALM, CONSTANT, GivingWay
 from dolfinx_llm.contact.search.ties import ask, tie_more
 from dolfinx_llm.contact.search.without_friction import WithoutFriction
@@ -187,8 +188,7 @@ class Search:
     def _watch(self, now: Iterate) -> None:
         """See whether contact stays, and what springs that hold free bodies carry."""
         # That all stick or glide at first is a state that changes.
-        supposed = self._first and now.miss > self._form.accuracy
-        supposed |= self._without_friction.now
+        supposed = self._without_friction.now or (self._first and now.miss > self._form.accuracy)
         self._calm = 0 if now.changes or supposed else self._calm + 1
         # What springs carry is compared where frames, which bear a part, are held alike.
         calm = self._calm if self._held_alike else min(self._calm, 1)
@@ -214,6 +214,7 @@ class Search:
         equations, felt = self._equations, ENOUGH * now.largest
         released = (rests or self._calm > 1) and release(equations, now.multiplier, now.w)
         released |= tie_more(self._states, now.borne, now.miss)
+        released |= self._calm > PATIENT and halt_slips(self._states, now, self._frame)
         if not rests or released:
             return released
         gaps = self._scale * (equations.L @ now.w - now.position)
