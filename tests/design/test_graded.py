@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
+from dolfinx_llm.design import weights
 
 pytestmark = pytest.mark.quick
 
@@ -45,3 +46,16 @@ def test_linear_pressure_of_graded_facets(cells):
         x, y = u.function_space.tabulate_dof_coordinates()[:, :2].T
         exact = np.column_stack([0.4 * (y + 1.0) ** 2, -(1.0 + 0.8 * x) * (y + 1.0)])
         np.testing.assert_allclose(u.x.array.reshape(-1, 2), exact, atol=1e-9)
+
+
+def test_rounding_is_no_want_of_freedom(monkeypatch):
+    """Frames on slivers of facets were refused for patch residuals of 1.4e-13 and 2.5e-13, of
+    rounding alone."""
+    monkeypatch.setattr(weights, "TOLERANCE", 1e-18)
+    frame = llm.Frame([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0]], [[0, 1], [1, 2], [2, 3]])
+    x = np.array([0.0, 1.5, 3.0]), np.array([0.0, 0.8, 2.0, 3.0])
+    forces = np.array([0.75, 1.5, 0.75]) / 3, np.array([0.4, 1.0, 1.1, 0.5]) / 3
+    at = [frame.locate(np.column_stack([s, 0.0 * s])) for s in x]
+    N, own = [frame.interpolation(a) for a in at], [a.cell for a in at]
+    L = weights.design_weights(frame, frame.x[:, :1], N, own, forces)
+    assert 0.0 < np.abs(weights.patch_residual(L, forces)).max() <= 1e-15
