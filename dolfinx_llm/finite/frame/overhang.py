@@ -8,8 +8,8 @@ along a facet that is covered from s to t those of the covered part are
     g' = S g,   S_i = b(s, .., s, t, .., t),
 
 b the polar form of the facet's polynomial, linear in each place. Forces are those of the parts,
-lambda' >= 0, lambda = Sᵀ lambda' at control values, and a pressure passes as without. So are slip
-and friction. Places are those of the configuration, and so is the derivative.
+lambda' >= 0, lambda = Sᵀ lambda' at control values, and a pressure passes as without. Places are
+those of the configuration, and so is the derivative.
 """
 
 from __future__ import annotations
@@ -61,19 +61,17 @@ class Overhang:
         return np.where(status == OPEN, most.astype(status.dtype), status)
 
     def change(self, g: Array) -> csr_matrix:
-        """(n d, width) derivative of S g for values g (n, d)."""
+        """(n, width) derivative of S g for values g (n,)."""
         rows, columns, which = self.entries
-        return self._following(rows, which, self.slopes[:, None] * g[columns], len(g))
+        shape = len(g), self.places.shape[0]
+        return csr_matrix((self.slopes * g[columns], (rows, which)), shape) @ self.places
 
     def change_of_forces(self, forces: Array) -> csr_matrix:
         """(n d, width) derivative of Sᵀ f for forces f (n, d)."""
         rows, columns, which = self.entries
-        return self._following(columns, which, self.slopes[:, None] * forces[rows], len(forces))
-
-    def _following(self, of: Array, which: Array, values: Array, n: int) -> csr_matrix:
-        """(n d, width) derivatives by the places ``which`` (e,) of values (e, d) in rows (e,)."""
-        d = values.shape[1]
-        at = of[:, None] * d + np.arange(d), np.repeat(which[:, None], d, axis=1)
+        n, d = forces.shape
+        at = columns[:, None] * d + np.arange(d), np.repeat(which[:, None], d, axis=1)
+        values = self.slopes[:, None] * forces[rows]
         shape = n * d, self.places.shape[0]
         return csr_matrix((values.ravel(), tuple(a.ravel() for a in at)), shape) @ self.places
 

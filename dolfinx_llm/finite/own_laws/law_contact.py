@@ -116,8 +116,6 @@ class LawContact(ToldContact):
 class LawOnFrame(LawContact, FrictionContact):
     """On the moving frame."""
 
-    cuts: ClassVar[bool] = False  # laws take gaps and areas of nodes
-
     def along(self, q: Array, status: Array) -> Array:
         return super().along(q, status) if self.law.slips else NormalContact.along(self, q, status)
 

@@ -112,7 +112,7 @@ class Friction(Slides):
         coordinates and their derivatives."""
         gdim = tau.shape[1]
         closed = np.repeat(t.status != OPEN, gdim)
-        on_tau = diagonal(closed) @ place.at_pairs(self.sides.jumps(place.N), gdim)
+        on_tau = diagonal(closed) @ self.sides.jumps(place.N)
         force = -(on_tau.T @ tau.ravel())
         top = hstack([t.top, on_tau.T.tocsr()], format="csr")
         return replace(t, force=t.force + force, top=top, friction=force)

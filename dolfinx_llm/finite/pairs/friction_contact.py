@@ -19,6 +19,7 @@ It is what equation (19) has in Phi, the derivative of the base, for tangential 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import csr_matrix, hstack
@@ -89,6 +90,8 @@ def couples(tau: Array, height: Array, normal: Array, y: Array) -> Couples:
 class FrictionContact(Friction, NormalContact):
     """With friction at the nodes of the moving side."""
 
+    cuts: ClassVar[bool] = False  # forces at nodes are within the cone about their own normals
+
     def supported(self, place: NormalPlace, closed: Array, way: csr_matrix, free: Array) -> Array:
         """Also those at supports of both sides: rows reach to nodes beside these, from where they
         tell next to nothing of what of the force is friction and what the supports'."""
@@ -115,7 +118,7 @@ class FrictionContact(Friction, NormalContact):
         spread it with what presses."""
         t, on = super().dragged(t, place, tau), place.on
         (n, _, c), gdim, width = self.counts, self.sides.gdim, self.sides.width
-        C = place.at_pairs(self.sides.control[0], 1)[:, on].T  # to these nodes
+        C = self.sides.control[0][:, on].T  # to these nodes
         at_nodes = C @ tau
         cells = self.sides.carrier.cells[place.at.facet[on]]
         y, height = self.sides.split(place.z)[1], -np.einsum("ks,ks->k", place.rows.N, place.height)
@@ -125,12 +128,6 @@ class FrictionContact(Friction, NormalContact):
         gather, by_height = summing(at.ravel(), width), per_item(couple.by_height)
         by_z = by_height @ height_z + per_item(couple.by_normal) @ place.turned
         by_z = by_z + per_item(couple.by_y) @ gather.T
-        parted = csr_matrix((width, width))
-        if place.overhang is not None:
-            change = place.overhang.change_of_forces(tau)
-            parted = self.sides.jumps(place.N).T @ change
-            to_nodes = per_component(self.sides.control[0][:, on].T.tocsr(), gdim)
-            by_z = by_z + per_item(couple.by_tau) @ to_nodes @ change
         shut = diagonal((t.status != OPEN).astype(float))
         by_tau = per_item(couple.by_tau) @ per_component((C @ shut).tocsr(), gdim)
         force = gather @ couple.force.ravel()
@@ -140,7 +137,7 @@ class FrictionContact(Friction, NormalContact):
         return replace(
             t,
             force=t.force + force,
-            K=(t.K + parted - gather @ by_z).tocsr(),
+            K=(t.K - gather @ by_z).tocsr(),
             top=t.top - top,
             friction=t.friction + force,
         )

@@ -204,7 +204,7 @@ class NormalContact(SlidesOnFrame):
         over = overhang(sides, z, held.candidates) if self.cuts and not sides.prescribed else None
         if over is not None:
             over = over.as_if_fixed() if held.lagged else over
-            cut, C = over.change((C @ pick @ to_frame)[:, None])[on], (over.S @ C).tocsr()
+            cut, C = over.change(C @ pick @ to_frame)[on], (over.S @ C).tocsr()
         C, whole = C[on][:, on], np.diff(C.indptr)[on]
         there = np.diff(C.indptr) == whole  # and all that its gap is made of
         gap[on], normal[on] = np.where(there, C @ to_frame, np.inf), at.normal
@@ -261,7 +261,7 @@ class NormalContact(SlidesOnFrame):
         # Forces, and how they change.
         borne = np.where(active[on], force[on], 0.0)
         lam = place.C.T @ borne  # at the nodes
-        along = place.at_pairs(sides.control[0], 1)[:, on].T @ self.along(q, status)
+        along = sides.control[0][:, on].T @ self.along(q, status)
         spread = place.spread(lam[:, None] * normal - along)
         K = -(spread @ by_place + place.swung(lam))
         if place.overhang is not None:

@@ -146,9 +146,8 @@ class SlidesOnFrame(Slides):
 
     def way(self, place: Any, origin: Origin) -> tuple[Array, csr_matrix]:
         x, y = self.sides.split(place.z)
-        way, over = self.sides.control[0] @ x - origin.points @ y, place.overhang
-        by_z = place.at_pairs(self.sides.jumps(origin.points), x.shape[1])
-        return (way, by_z) if over is None else (over.S @ way, by_z + over.change(way))
+        way = self.sides.control[0] @ x - origin.points @ y
+        return way, self.sides.jumps(origin.points)
 
     def written(self, place: Any, slip: Array) -> csr_matrix:
         """(n, m) rows D: in the tangent plane sum_J D_pJ y_J is the slip; they are derivatives of

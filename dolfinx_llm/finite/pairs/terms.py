@@ -70,9 +70,7 @@ class Place:
 
     def at_pairs(self, values: csr_matrix, gdim: int) -> csr_matrix:
         """(n gdim, c) of pairs, of the same at control values."""
-        if self.overhang is None:
-            return values
-        return (per_component(self.overhang.S, gdim) @ values).tocsr()
+        return values if self.overhang is None else per_component(self.overhang.S, gdim) @ values
 
     @property
     def pairs(self) -> Array:
