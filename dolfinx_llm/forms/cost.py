@@ -23,6 +23,7 @@ ORDERED = 3e-6  # seconds for an unknown before it is eliminated: ordering, anal
 MADE = 5e-8  # seconds for an entry of a factor: assembly, memory
 READ = 8e-9  # ... in a solve, refined
 STORED = 20e-9  # gigabytes of an entry, with MUMPS's spare memory
+DENSE = 48e-9  # ... of a dense matrix: with its factors, and copies while it is made
 PASSED = 5e-8  # seconds for an unknown of a right-hand side, of many solved at once
 ROW = {2: 18, 3: 81}  # entries of a row of the stiffness, bricks of first order
 SWEPT = 9e-8  # seconds for such an entry in a solve by multigrid; grows with the order to the 1.5
@@ -168,7 +169,7 @@ def _flexibility(scene: Scene) -> Cost:
     size = scene.rows + scene.frame + scene.motions
     matrices = scene.turns * (CHANGES if scene.slips else scene.parted > 0) + 1
     dense = matrices * 2.0 / 3.0 * float(size) ** 3 / RATE
-    return Cost(bodies / scene.ranks + dense, STORED * fill + 24e-9 * float(size) ** 2)
+    return Cost(bodies / scene.ranks + dense, STORED * fill + DENSE * float(size) ** 2)
 
 
 def _condensed(scene: Scene) -> Cost:
