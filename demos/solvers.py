@@ -120,7 +120,7 @@ def matching(comm, n):
 
 def body_modes(V, out):
     """Rigid modes (n_local, k) at this rank's dofs, zero where ``out`` marks them."""
-    from dolfinx_llm.operators.bodies import rigid_modes
+    from dolfinx_llm.geometry.cells import rigid_modes
 
     n = V.dofmap.index_map.size_local
     x = V.tabulate_dof_coordinates()[:n]

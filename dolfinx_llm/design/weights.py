@@ -106,12 +106,13 @@ def balanced_rows(
     far = np.abs(frame.x).max() / np.ptp(frame.x, axis=0).max()
     allowed = max(TOLERANCE, 50.0 * np.finfo(float).eps * far)  # rounding of far coordinates
     ring = adjacency(frame.cells, len(loading.s))
-    rank, best = (np.inf, np.inf), (N, loading.residual(N), 0.0)
+    plain, rank = loading.residual(N), (np.inf, np.inf)
+    best: tuple[Sequence[csr_matrix], Array, float] = N, plain, 0.0
     for widths in widths_of(loading.s, N):
         weights = [
             row_stencil_weights(M, ring, frame, width) for M, width in zip(N, widths, strict=True)
         ]
-        found, left, change = _corrected(loading, N, keep, weights)
+        found, left, change = _corrected(loading, N, plain, keep, weights)
         most = float(np.abs(left).max())
         # What passes with the smaller correction; else what is nearer to passing.
         new = max(most, allowed), change if most <= allowed else 0.0
@@ -171,11 +172,12 @@ def _to_corners(frame: Frame) -> csr_matrix:
 def _corrected(
     loading: FrameLoads,
     N: Sequence[csr_matrix],
+    plain: Array,
     keep: Sequence[Array] | None,
     weights: Sequence[csr_matrix],
 ) -> tuple[Sequence[csr_matrix], Array, float]:
-    """Rows with the smallest corrections of these weights, which bring (28) near zero, what they
-    leave of it, and the largest of them.
+    """Rows with the smallest corrections of these weights, which bring (28), ``plain`` without any,
+    near zero, what they leave of it, and the largest of them.
 
     Raises:
         ContactError: the equations of the corrections are singular.
@@ -196,8 +198,7 @@ def _corrected(
         entries = zip(stencils, delta, strict=True)
         return loading.summed([(st.indptr, st.nodes, d) for st, d in entries])
 
-    plain, least = loading.residual(N), np.inf
-    residual = plain + of(delta)
+    residual, least = plain + of(delta), np.inf
     stalled, passes = 0, False
     for done in range(ROUNDS_MOST[high] + 1):  # the first solve, then refinement against rounding
         left, most = float(np.linalg.norm(residual)), np.abs(residual).max()

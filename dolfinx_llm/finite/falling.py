@@ -106,21 +106,25 @@ def caught(run: Any, now: list[Any]) -> dict[int, Array]:
         run: an ``Increment``.
         now: (n,) status of the pairs of each interface in the linear model, changed there.
     """
-    every, comm, terms, before = run.steps.interfaces, run.dofs.comm, run.terms, run.status
+    every, comm = run.steps.interfaces, run.dofs.comm
+    terms, before, held = run.terms, run.status, run.held
     touch = [bool(now_of.any()) for now_of in now]
     opened = any(b.any() and not t for b, t in zip(before, touch, strict=True))
     may = opened and not run.steps.bodies.in_time
     of_each = zip(touch, terms, run.drawn, strict=True)
     asks = [may and not (t or drawn) and bool(of.place.pairs.any()) for t, of, drawn in of_each]
     falls = falling(run.dofs, every, now, told(comm, asks), [False] * len(now))
-    reaches = flight(run, falls, [t.place for t in terms], list(now), run.held)
+    if not falls:
+        return {}
+    reaches = flight(run, falls, [t.place for t in terms], list(now), held)
     for i in falls:
         place = terms[i].place
-        of = place, 0.0 * run.own[i], np.full(len(place.gap), OPEN), run.held[i], reaches[i]
+        of = place, 0.0 * run.own[i], np.full(len(place.gap), OPEN), held[i], reaches[i]
         with collective(comm):
             now[i] = every[i].what.touching(*of)[0]
         run.drawn[i] = bool(now[i].any())
-    run.terms, run.status = terms, before
+    run.terms, run.status, run.held = terms, before, held
+    run.balance()
     if not any(run.drawn[i] for i in falls):
         return {}
     return {i: now[i] for i, b in enumerate(before) if (now[i] != b).any()}

@@ -208,6 +208,20 @@ def bases(tangents: Array) -> Array:
     return np.stack([t1, cross(n, t1), n], axis=1)
 
 
+def rigid_modes(x: Array, components: int = 0) -> Array:
+    """(n, gdim, 3 or 6) translations and rotations of points x (n, gdim); of a field with one of
+    ``components`` the constant (n, 1, 1)."""
+    n, gdim = x.shape
+    if components == 1:
+        return np.ones((n, 1, 1))
+    modes = np.zeros((n, gdim, 3 * (gdim - 1)))
+    modes[:, :, :gdim] = np.eye(gdim)
+    for k, (i, j) in enumerate([(0, 1), (1, 2), (2, 0)][: 2 * gdim - 3]):
+        modes[:, i, gdim + k] = -x[:, j]
+        modes[:, j, gdim + k] = x[:, i]
+    return modes
+
+
 def middle_jacobians(x: Array, cells: Array) -> Array:
     """(n_cells,) determinants of bodies' cells (n_cells, k) in the middle, in dolfinx's order of
     nodes x (n, gdim): positive or negative with their orientation [volume]."""

@@ -30,7 +30,7 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.geometry.cells import shape_functions
+from dolfinx_llm.geometry.cells import rigid_modes, shape_functions
 from dolfinx_llm.geometry.element import CORNERS, Element
 from dolfinx_llm.geometry.loads import assembled
 from dolfinx_llm.geometry.pairs import ContactPairs
@@ -101,11 +101,11 @@ def with_coarser(
     if own is None or other is None or count[0] == count[1] or not all(map(_whole, pairs)):
         return found
     value = -(q.interpolation(p.x) @ other)
-    motions = _rigid_motions(p.x, value.shape[1])
-    felt = np.array([p.loads.mass @ motion for motion in motions])
-    lacking = np.einsum("kni,ni->k", motions, force[fine]) - np.einsum("kni,ni->k", felt, value)
-    share = np.linalg.solve(np.einsum("kni,lni->kl", felt, motions), lacking)
-    value = value + np.einsum("k,kni->ni", share, motions)
+    modes = rigid_modes((p.x - p.x.mean(axis=0)) / np.ptp(p.x, axis=0).max(), value.shape[1])
+    felt = (p.loads.mass @ modes.reshape(len(value), -1)).reshape(modes.shape)
+    lacking = np.einsum("nck,nc->k", modes, force[fine]) - np.einsum("nck,nc->k", felt, value)
+    share = np.linalg.solve(np.einsum("nck,ncl->kl", felt, modes), lacking)
+    value = value + np.einsum("nck,k->nc", modes, share)
     away, size = (np.linalg.norm(v, axis=1).max(initial=0.0) for v in (own - value, own))
     if away <= ONE_FIELD * size:
         found[fine] = value
@@ -116,18 +116,6 @@ def _whole(pairs: ContactPairs) -> bool:
     """Whether all facets of a side are in contact, each of them whole."""
     cover = pairs.loads.cover
     return cover is not None and len(pairs.cells) > 0 and bool((cover[pairs.cells] > SURE).all())
-
-
-def _rigid_motions(x: Array, components: int) -> Array:
-    """(k, n, c) of vectors those of a rigid body at x (n, gdim), of scalars the constant."""
-    n, gdim = x.shape
-    moved = [np.tile(e, (n, 1)) for e in np.eye(components)]
-    arm = (x - x.mean(axis=0)) / np.ptp(x, axis=0).max()
-    for i, j in zip(*np.triu_indices(gdim, 1), strict=True) if components == gdim else ():
-        turn = np.zeros((n, gdim))
-        turn[:, i], turn[:, j] = -arm[:, j], arm[:, i]
-        moved.append(turn)
-    return np.array(moved)
 
 
 def _from_whole(

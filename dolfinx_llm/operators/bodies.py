@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.geometry.cells import connected
+from dolfinx_llm.geometry.cells import connected, rigid_modes
 from dolfinx_llm.geometry.pairs import control_points
 from dolfinx_llm.geometry.surface import Surface
 
@@ -59,20 +59,6 @@ def _of_groups(extreme: Any, values: Array, group: Array, count: int, none: floa
         order = np.argsort(group, kind="stable")
         found[there] = extreme.reduceat(values[order], (ends - size)[there])
     return found
-
-
-def rigid_modes(x: Array, components: int = 0) -> Array:
-    """(n, gdim, 3 or 6) translations and rotations of points x (n, gdim); of a field with one of
-    ``components`` the constant (n, 1, 1)."""
-    n, gdim = x.shape
-    if components == 1:
-        return np.ones((n, 1, 1))
-    modes = np.zeros((n, gdim, 3 * (gdim - 1)))
-    modes[:, :, :gdim] = np.eye(gdim)
-    for k, (i, j) in enumerate([(0, 1), (1, 2), (2, 0)][: 2 * gdim - 3]):
-        modes[:, i, gdim + k] = -x[:, j]
-        modes[:, j, gdim + k] = x[:, i]
-    return modes
 
 
 def sliding_ways(normals: Array) -> Array:

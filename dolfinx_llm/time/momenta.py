@@ -19,7 +19,8 @@ from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.base import compat
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.operators.bodies import body_labels, rigid_modes
+from dolfinx_llm.geometry.cells import rigid_modes
+from dolfinx_llm.operators.bodies import body_labels
 from dolfinx_llm.operators.petsc import times
 
 

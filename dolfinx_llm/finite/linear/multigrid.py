@@ -21,7 +21,7 @@ from dolfinx_llm.finite.linear.coupling import Condensed
 from dolfinx_llm.finite.linear.parts import Part, entries
 from dolfinx_llm.forms.condensed.krylov import GAMG, WORN, near_null_space
 from dolfinx_llm.forms.direct import set_up_ksp
-from dolfinx_llm.operators.bodies import rigid_modes
+from dolfinx_llm.geometry.cells import rigid_modes
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.operators.petsc import create_aij
 

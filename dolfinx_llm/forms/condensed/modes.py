@@ -9,7 +9,8 @@ from scipy.sparse import csr_matrix, identity
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import symmetric_factors
-from dolfinx_llm.operators.bodies import rigid_modes, sliding_ways, two_sides
+from dolfinx_llm.geometry.cells import rigid_modes
+from dolfinx_llm.operators.bodies import sliding_ways, two_sides
 from dolfinx_llm.operators.control import frame_places
 from dolfinx_llm.operators.system import ContactOperators
 
