@@ -21,10 +21,11 @@ RADIUS, HEAD, WIDTH = 10.0, 8.0, 3.0  # of a wheel, and of the rail's head
 def wheel_on_rail():
     """A segment of a wheel on a rail with a crowned head, along x; levels, sizes of cells."""
     occ, (y, b) = gmsh.model.occ, (-WIDTH / 2, WIDTH)
-    wheel, part = occ.addCylinder(0, y, RADIUS, 0, b, 0, RADIUS), occ.addBox(-10, y, -1, 20, b, 2.2)
-    rail, head = occ.addCylinder(-5, 0, -HEAD, 10, 0, 0, HEAD), occ.addBox(-5, y, -3, 10, b, 4)
-    cut = [occ.intersect([(3, a)], [(3, b)])[0] for a, b in ((wheel, part), (rail, head))]
-    return cut, (1.2, -3.0), (0.45, 0.55)
+    round_part = occ.addCylinder(0, y, RADIUS, 0, b, 0, RADIUS)
+    wheel = occ.intersect([(3, round_part)], [(3, occ.addBox(-10, y, -1, 20, b, 2.2))])[0]
+    round_part = occ.addCylinder(-5, 0, -HEAD, 10, 0, 0, HEAD)
+    rail = occ.intersect([(3, round_part)], [(3, occ.addBox(-5, y, -3, 10, b, 4))])[0]
+    return [wheel, rail], (1.2, -3.0), (0.45, 0.55)
 
 
 def ball_in_groove():
@@ -85,7 +86,8 @@ def problem_of(scene, seed, **options):
     return llm.ContactProblem(a, L, bcs=bcs, interfaces=interfaces, **options), top
 
 
-WHEEL = wheel_on_rail, 1, ((0.0, 0.0, -0.2), (0.12, 0.03, -0.2))
+DRAGGED = (0.0, 0.0, -0.2), (0.02, 0.0, -0.2), (0.05, 0.01, -0.2), (0.12, 0.03, -0.2)
+WHEEL = wheel_on_rail, 1, DRAGGED
 BALL = ball_in_groove, 5, ((0.0, 0.0, -0.03), (0.0, 0.01, -0.03), (0.01, 0.04, -0.03))
 
 
