@@ -25,6 +25,7 @@ from dolfinx_llm.forms.condensed import friction, friction_system, krylov, modes
 from dolfinx_llm.forms.condensed import kept as multigrid
 from dolfinx_llm.forms.condensed import system as condensed
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
+from dolfinx_llm.operators.petsc import products
 
 COMM = MPI.COMM_SELF
 DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky"}
@@ -299,6 +300,35 @@ def test_worn_preconditioner_is_renewed(monkeypatch):
         monkeypatch.setattr(krylov, "WORN", 0.3)
     # COST being zero, nothing else renews one.
     assert problem.method.form.system.solver.set_ups > 1
+
+
+def test_what_matrices_share_is_stored_once(monkeypatch):
+    """A preconditioner that is kept needs the matrix that it was made of: the next one is known by
+    its products, which are those of the same when it is stored."""
+    V, tags = scenes.two_blocks(COMM, 4, 3)
+    problem, constants = condensed_reuse.blocks(V, tags, "condensed", {"ksp_type": "cg"})
+    monkeypatch.setattr(krylov, "COST", 0.0)  # keep it
+    for _ in condensed_reuse.follow(problem, constants):
+        system = problem.method.form.system
+        if system.reduced.matrix.getType() == "python":
+            break
+    reduced, rng = system.reduced, np.random.default_rng(2001)
+    assert reduced.matrix.getType() == "python"
+    frames = len(reduced.form.fixed) + reduced.form.tail.seats
+    x = rng.standard_normal((len(reduced.S.array_r), 2))
+
+    def of():
+        block = reduced.block(frames)
+        return [reduced.S.array_r.copy(), products(block, x[: len(frames)]),
+                *(reduced.times(column) for column in x.T)]  # fmt: skip
+
+    known = of()
+    system.solver.discard()
+    reduced.store()
+    assert reduced.matrix.getType() == "seqaij"
+    for one, other in zip(known, of(), strict=True):
+        assert np.abs(one - other).max() <= 1e-13 * np.abs(other).max()
+    problem.destroy()
 
 
 # Friction

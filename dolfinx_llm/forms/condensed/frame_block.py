@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import coo_matrix
 
@@ -13,22 +12,8 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective, gather_rows
 from dolfinx_llm.base.sparse import symmetric_factors
 from dolfinx_llm.forms.condensed.gmres import Shell
-from dolfinx_llm.forms.condensed.transformation import Transformation
+from dolfinx_llm.forms.condensed.reduced import ReducedMatrix
 from dolfinx_llm.operators.petsc import local_csr, times
-
-SEEN_FAINTLY = 0.1  # entries of rows below which they hold a frame unknown too softly for multigrid
-
-
-def hardly_held(form: Transformation) -> Array | None:
-    """(k,) places of this rank's frame unknowns among its own, where small entries of rows alone
-    see one that a proximal term holds; elsewhere None, on all ranks. Collective."""
-    if form.proximal is None:
-        return None
-    seen = np.zeros(form.moved.shape[1])
-    np.maximum.at(seen, form.moved.indices, abs(form.moved.data))
-    form.comm.Allreduce(MPI.IN_PLACE, seen, op=MPI.MAX)
-    some = ((seen > 0.0) & (seen < SEEN_FAINTLY)).any()
-    return len(form.fixed) + form.tail.seats if some else None
 
 
 class FrameBlock:
@@ -38,14 +23,14 @@ class FrameBlock:
 
     Args:
         ksp: whose own preconditioner is G.
-        places: (k,) of this rank's frame unknowns among its own.
+        reduced: A.
     """
 
-    def __init__(self, ksp: Any, matrix: Any, places: Array) -> None:
-        self._inner, self._matrix, self._places = ksp.getPC(), matrix, places
-        self._factorise()
+    def __init__(self, ksp: Any, reduced: ReducedMatrix) -> None:
+        self._inner, self._matrix, self._places = ksp.getPC(), reduced.matrix, reduced.hardly_held
+        self._factorise(reduced.block(self._places))
         outer = PETSc.PC().create(comm=ksp.comm)
-        outer.setOperators(matrix)
+        outer.setOperators(self._matrix)
         outer.setType("python")
         outer.setPythonContext(Shell(self._times))
         ksp.setPC(outer)
@@ -59,19 +44,15 @@ class FrameBlock:
         for item in (outer, self._inner):
             item.destroy()
 
-    def _factorise(self) -> None:
-        """A's block, the same on every rank."""
-        numbers = self._matrix.getOwnershipRange()[0] + self._places
-        rows = PETSc.IS().createGeneral(numbers.astype(PETSc.IntType), comm=self._matrix.comm)
-        block = self._matrix.createSubMatrix(rows, rows)
+    def _factorise(self, block: Any) -> None:
+        """A's block, the same on every rank; it is used up."""
         self._comm, self._mine = block.comm.tompi4py(), slice(*block.getOwnershipRange())
         own, size = local_csr(block).tocoo(), block.getSize()
         parts = own.data, own.row + self._mine.start, own.col
         data, row, col = (gather_rows(self._comm, part) for part in parts)
         with collective(self._comm):
             self._factors = symmetric_factors(coo_matrix((data, (row, col)), size))
-        for item in (rows, block):
-            item.destroy()
+        block.destroy()
 
     def _times(self, x: Array) -> Array:
         """This rank's part of the product with x."""

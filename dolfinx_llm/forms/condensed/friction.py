@@ -24,11 +24,10 @@ from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.friction_system import FrictionSystem
 from dolfinx_llm.forms.condensed.gmres import solve_right
 from dolfinx_llm.forms.condensed.measure import LEFT_BY_ROUNDING, Measure
-from dolfinx_llm.forms.condensed.reduced import WeakMotions
+from dolfinx_llm.forms.condensed.reduced import WeakMotions, product
 from dolfinx_llm.forms.condensed.transformation import Transformation
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.step import LinearStep
-from dolfinx_llm.operators.petsc import times
 
 ASTRAY = 1e3  # times the load: residuals of the last solution from which on it is no start
 AT_ROUNDING = 1e-10  # of the load: where GMRES has got there, rounding alone leaves no more
@@ -141,10 +140,7 @@ class FrictionStep:
         return b, u_0, v_0
 
     def _times(self, q: Array) -> Array:
-        split, (body, tail) = self._split, np.split(q, [len(self._fixed)])
-        above = times(split.K_SI, times(self._form.T, tail), transposed=True)
-        left = times(self._test, times(split.K_SI, body), transposed=True)
-        return np.concatenate([split.inside_times(body) + above, left + times(self._corner, tail)])
+        return product(self._form, self._corner, q, self._test)
 
     def _iterate(self, b: Array, q: Array, load: float, around: Any, main: bool) -> Any:
         """q by GMRES; None where it does not get there, and ``_solver`` has taken over."""

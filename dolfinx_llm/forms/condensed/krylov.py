@@ -14,6 +14,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.forms.condensed.frame_block import FrameBlock
+from dolfinx_llm.forms.condensed.reduced import ReducedMatrix
 from dolfinx_llm.forms.direct import factorised, set_up_ksp
 from dolfinx_llm.forms.options import FACTORISED
 
@@ -116,36 +117,39 @@ class KeptSolver:
         self._usual = 0.0  # iterations per digit of a new one
         self._block: FrameBlock | None = None  # around multigrid
 
-    def set_up(self, matrix: Any, frames: Array | None = None) -> None:
-        """Make it for a matrix; its near-null space is known to it. ``frames``: this rank's places
-        of the frames' unknowns, where these are to be solved for beside multigrid."""
-        self._matrix = matrix
+    def set_up(self, reduced: ReducedMatrix) -> None:
+        """Make it for a matrix, which knows its near-null space."""
+        self._reduced = reduced
         self._make(self._options)
-        self._surround(frames)
+        self._surround()
 
     def _make(self, given: dict[str, Any]) -> None:
-        self.ksp, self.method, self._own = solver_of(self._matrix, self._prefix, given)
+        self.ksp, self.method, self._own = solver_of(self._reduced.matrix, self._prefix, given)
         self.set_ups += 1
 
-    def _surround(self, frames: Array | None) -> None:
+    def _surround(self) -> None:
         """Solve for the frames' unknowns beside multigrid, by default options."""
-        if frames is not None and self._own and not self.direct:
-            self._block = FrameBlock(self.ksp, self._matrix, frames)
+        if self._reduced.hardly_held is not None and self._own and not self.direct:
+            self._block = FrameBlock(self.ksp, self._reduced)
 
-    def renew(self, matrix: Any, same: bool, changed: int, frames: Array | None = None) -> None:
-        """Keep it for another matrix, of the same size as the last, or not, and with ``changed``
-        rows that differ; or give it up; ``frames`` as of ``set_up``."""
+    def keeps(self, same: bool, changed: int) -> bool:
+        """Whether it may be kept for another matrix, of the ``same`` size as the last, or not, and
+        with ``changed`` rows that differ; else it is given up."""
         self._outdated += changed
         spare = (WORN - 1.0) * self._usual * DIGITS  # iterations
-        if same and self._serves and COST * self._outdated <= spare:
-            self._matrix = matrix
-            self._bare()
-            self.ksp.setOperators(matrix)
-            self.ksp.getPC().setReusePreconditioner(True)
-            self._kept = True
-            self._surround(frames)
-        else:
+        kept = same and self._serves and COST * self._outdated <= spare
+        if not kept:
             self.discard()
+        return kept
+
+    def keep(self, reduced: ReducedMatrix) -> None:
+        """Keep it for another matrix."""
+        self._bare()
+        self._reduced = reduced
+        self.ksp.setOperators(reduced.matrix, self.ksp.getOperators()[1])
+        self.ksp.getPC().setReusePreconditioner(True)
+        self._kept = True
+        self._surround()
 
     def _bare(self) -> None:
         """Go back to multigrid alone."""

@@ -146,15 +146,7 @@ class SplitStiffness:
             ContactError: the diagonal is not positive.
         """
         matrix = self.joined(blocks)
-        S = matrix.getDiagonal()
-        least = S.min()[1]
-        if not least > 0.0:
-            raise ContactError(
-                f"the condensed matrix has the diagonal entry {least:.3g}: it is not positive "
-                "definite. Check the material data of the forms a"
-            )
-        S.sqrtabs()
-        S.reciprocal()
+        S = to_unit_diagonal(matrix.getDiagonal())
         matrix.diagonalScale(S, S)
         self._inside.destroy()
         self._home = matrix, S.array_r[: self.sizes[0]].copy()
@@ -215,6 +207,23 @@ class SplitStiffness:
         for M in (self._inside, self.K_SS, self.K_SI, self._K_IS):
             if M is not None:
                 M.destroy()
+
+
+def to_unit_diagonal(diagonal: Any) -> Any:
+    """What scales a matrix of this diagonal, a PETSc Vec that is used up, on both sides.
+
+    Raises:
+        ContactError: the diagonal is not positive.
+    """
+    least = diagonal.min()[1]
+    if not least > 0.0:
+        raise ContactError(
+            f"the condensed matrix has the diagonal entry {least:.3g}: it is not positive "
+            "definite. Check the material data of the forms a"
+        )
+    diagonal.sqrtabs()
+    diagonal.reciprocal()
+    return diagonal
 
 
 def _transposed(M: Any) -> Any:

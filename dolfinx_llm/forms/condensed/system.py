@@ -14,7 +14,6 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows, widest
-from dolfinx_llm.forms.condensed.frame_block import hardly_held
 from dolfinx_llm.forms.condensed.krylov import RTOL, WIDEST, KeptSolver, near_null_space
 from dolfinx_llm.forms.condensed.modes import ModesAsked
 from dolfinx_llm.forms.condensed.reduced import ReducedMatrix
@@ -77,7 +76,7 @@ class CondensedSystem:
                 "finer than the frame, too many for GAMG"
             )
         self._last: Any = None  # u and v
-        self._reduce(rows, proximal)
+        self._take(Transformation(self.split, rows, fixed, proximal))
 
     def eliminate(
         self, rows: EliminatedRows, proximal: Array | None = None, changed: int = 0
@@ -85,18 +84,21 @@ class CondensedSystem:
         """Eliminate other rows, of which ``changed`` were not or are not any more, or with another
         proximal term; springs of ``split`` are taken over. A preconditioner stays as long as it
         serves."""
-        before = self.matrix.getLocalSize()
-        self.reduced.destroy()
-        self._reduce(rows, proximal)
-        same = self.comm.allreduce(self.matrix.getLocalSize() == before, op=MPI.LAND)
-        self.solver.renew(self.matrix, same, changed, self._frames)
+        form, before = Transformation(self.split, rows, self.fixed, proximal), self.reduced
+        same = form.tail.sizes == self.form.tail.sizes
+        if self.solver.keeps(self.comm.allreduce(same, op=MPI.LAND), changed):
+            self._take(form, before)
+            before.destroy()
+            self.solver.keep(self.reduced)
+        else:
+            before.destroy()
+            self._take(form)
 
-    def _reduce(self, rows: EliminatedRows, proximal: Array | None) -> None:
-        """Take over what other eliminated rows leave."""
-        self.form = Transformation(self.split, rows, self.fixed, proximal)
-        self.reduced = ReducedMatrix(self.form, self.scale, self._weak, self._firm)
+    def _take(self, form: Transformation, beside: ReducedMatrix | None = None) -> None:
+        """Take over what other eliminated rows leave, with its matrix ``beside`` another's."""
+        self.form = form
+        self.reduced = ReducedMatrix(form, self.scale, self._weak, self._firm, beside)
         self.matrix, self.S = self.reduced.matrix, self.reduced.S
-        self._frames = hardly_held(self.form)
 
     @property
     def set_ups(self) -> int:
@@ -111,9 +113,11 @@ class CondensedSystem:
     def set_up(self) -> None:
         """Preconditioner or factorisation, if it is not there yet."""
         if self.solver.ksp is None:
+            self.reduced.store()
+            self.matrix, self.S = self.reduced.matrix, self.reduced.S
             if self._modes is not None and self.solver.uses_modes:
                 near_null_space(self.matrix, self.S, self.form.unknowns(*self._modes()))
-            self.solver.set_up(self.matrix, self._frames)
+            self.solver.set_up(self.reduced)
             self.matrix.setNearNullSpace(PETSc.NullSpace())  # it has served
 
     def solve(self, f: Array, g: Array, pull: Array | None = None) -> tuple[Array, Array, Array]:
