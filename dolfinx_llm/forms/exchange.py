@@ -5,9 +5,10 @@ answer to every multiplier costs more than a few factorisations. They are asked 
 sign is wrong, and for those that get it wrong in turn.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
+from itertools import islice
 from typing import Any, Protocol
 
 import numpy as np
@@ -27,17 +28,24 @@ from dolfinx_llm.operators.system import ContactOperators
 
 Load = tuple[Array, Array, Array]  # this rank's f, all of g and rhs
 Answer = tuple[Array, ...]  # this rank's u, all of λ and w
+MANY_ASKED = 1000  # pairs that a factorisation may be asked for, ``COLUMNS`` at once
 YIELDING = 1.5  # by so much a node yields more than its own stiffness says
 
 
 class SetUp(Protocol):
-    """What a step's matrix was set up to."""
+    """What a step's matrix was set up to; it answers to so many loads at once."""
+
+    columns: int = 1
 
     def ask(
         self, f: Array, g: Array, rhs: Array, about: Array | None = None
     ) -> tuple[Array, Array, Array]:
         """This rank's u, and all of λ (n,) and w (m,), for this rank's f, (n,) g and (m,) rhs;
         ``about`` as of ``LinearStep``, where g has not taken it up."""
+
+    def ask_many(self, loads: Sequence[Load]) -> list[Answer]:
+        """The same for each of several loads, without refinement where they are solved at once."""
+        return [self.ask(*load) for load in loads]
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
@@ -49,7 +57,7 @@ class WholeSteps(StepForm):
 
     accuracy = 1e-13  # of balance and law, relative
     most = 200  # pairs that are asked for; where more have a wrong sign, all of these change
-    many = 0  # the same where changing all has left no fewer
+    many = 0  # the same where changing all has left no fewer; ``MANY_ASKED`` where factors answer
     eager = True  # asks whenever it may, not only where change has brought nothing
 
     def __init__(
@@ -165,9 +173,11 @@ class WholeSteps(StepForm):
         gap = step.L[rows] @ w - y[rows] - g[rows]
         return np.where(step.active[rows], force[rows], self.scale * gap)
 
-    def asked(self, made: Any, loads: Iterable[Load]) -> Iterator[tuple[Load, Answer]]:
+    def asked(self, made: SetUp, loads: Iterable[Load]) -> Iterator[tuple[Load, Answer]]:
         """Loads of this rank's f, g and rhs, each with what ``SetUp.ask`` tells."""
-        return ((load, made.ask(*load)) for load in loads)
+        loads = iter(loads)
+        while block := list(islice(loads, made.columns)):
+            yield from zip(block, made.ask_many(block), strict=True)
 
     def _choose(
         self, made: SetUp, step: LinearStep, found: StepResult, most: int

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.direct import COLUMNS, DirectSolver
-from dolfinx_llm.forms.exchange import Answer, Load, WholeSteps, forecast_of
+from dolfinx_llm.forms.exchange import MANY_ASKED, Answer, Load, WholeSteps, forecast_of
 from dolfinx_llm.forms.step import LinearStep, StepResult
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import create_aij, join_blocks, local_csr, with_springs
@@ -31,7 +30,7 @@ class SaddleForm(WholeSteps):
     """
 
     name = "saddle"
-    many = 1000
+    many = MANY_ASKED
     _fewest: float = np.inf  # signs that were wrong in any step towards this load
     _swings = 0  # steps with no fewer
 
@@ -50,12 +49,6 @@ class SaddleForm(WholeSteps):
         pressing = forecast.pressing(found.multiplier, found.y + step.g)
         told = step.may_open & (pressing != found.active)
         return replace(found, wrong=told) if told.any() else found
-
-    def asked(self, made: Any, loads: Iterable[Load]) -> Iterator[tuple[Load, Answer]]:
-        """See ``WholeSteps``; many at once."""
-        loads = iter(loads)
-        while block := list(islice(loads, COLUMNS)):
-            yield from zip(block, made.ask_many(block), strict=True)
 
     def set_up(self, step: LinearStep) -> FactorisedStep:
         """See ``WholeSteps``."""
@@ -85,6 +78,8 @@ class FactorisedStep:
         prefix: of the PETSc options.
         options: PETSc options on top of ``SADDLE_OPTIONS``.
     """
+
+    columns = COLUMNS
 
     def __init__(
         self,

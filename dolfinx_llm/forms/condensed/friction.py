@@ -11,22 +11,23 @@ sides that sticks).
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
+from dolfinx_llm.forms.condensed.friction_matrix import FrictionMatrix, of_bodies
 from dolfinx_llm.forms.condensed.friction_system import FrictionSystem
 from dolfinx_llm.forms.condensed.gmres import solve_right
 from dolfinx_llm.forms.condensed.measure import LEFT_BY_ROUNDING, Measure
-from dolfinx_llm.forms.condensed.reduced import WeakMotions, product
+from dolfinx_llm.forms.condensed.reduced import WeakMotions
 from dolfinx_llm.forms.condensed.transformation import Transformation
-from dolfinx_llm.forms.direct import DirectSolver
+from dolfinx_llm.forms.direct import COLUMNS, DirectSolver
+from dolfinx_llm.forms.exchange import Answer, Load, SetUp
 from dolfinx_llm.forms.step import LinearStep
 
 ASTRAY = 1e3  # times the load: residuals of the last solution from which on it is no start
@@ -38,44 +39,21 @@ REFINES = 2  # solves with a factorisation for what is left by the bodies' own s
 SPARE = 8  # iterations more that an old one may take
 
 
-class FrictionStep:
-    """One step's matrix.
-
-    Args:
-        of: what is kept.
-        eliminated: rows in contact.
-        on: (r,) their places among all.
-        step: the step.
-    """
+class FrictionStep(FrictionMatrix, SetUp):
+    """One step, solved; arguments as of ``FrictionMatrix``."""
 
     def __init__(
         self, of: FrictionSystem, eliminated: EliminatedRows, on: Array, step: LinearStep
     ) -> None:
-        self._of, self._split, self._step, self._on = of, of.split, step, on
-        self._fixed, self._scale = of.operators.dofs.fixed, of.operators.scale
+        super().__init__(of, eliminated, on, step)
         self._solver: DirectSolver | None = None
-        self._rows, self._reduced = of.reduced(step, eliminated, on)
-        self._assemble()
         if self._reduced is None:
             self._factorise()
         else:
             self._by = Measure(of, self._form, self._corner)
 
-    def _assemble(self) -> None:
-        """What the matrix is made of, of the step as it is or reduced."""
-        law = self._step if self._reduced is None else self._reduced
-        soft = self._scale * self._step.compliance[self._on]
-        self._gives = self._step.compliance[self._on][self._rows.multipliers.mine]
-        self._form = Transformation(
-            self._split, self._rows, self._fixed, np.ones(self._step.L.shape[1]), soft, whole=True
-        )
-        self._E, self._D = law.E[:, self._on], law.D
-        seen = self._E.T.tocsr()[self._rows.multipliers.mine]
-        self._test = self._form.columns_of(self._form.A @ seen)
-        laws = self._form.frame_law(self._E, self._D, self._scale)
-        self._corner: Any = self._form.corner(-laws, self._scale, self._test)
-
     def _factorise(self) -> None:
+        self.columns = COLUMNS
         self._solver = _factors(self._of, self._form, self._test, self._corner)
         self._corner = None
 
@@ -83,16 +61,9 @@ class FrictionStep:
         self, f: Array, g: Array, rhs: Array, about: Array | None = None
     ) -> tuple[Array, Array, Array]:
         """See ``SetUp``."""
-        form, split, numbering = self._form, self._split, self._rows.multipliers
-        main = about is not None
-        kept = np.zeros(len(self._on)) if about is None else form.bound(about[self._on])
-        own = None if about is None else (about[self._on] - kept)[numbering.mine]
-        w_0, C = 0.0, None
-        if self._reduced is not None:
-            (g, rhs, w_0), C = self._reduced.loads(g, rhs), self._reduced.C
-        kept = kept + form.contradicting(g[self._on], self._scale)
-        loads = f, g[self._on][numbering.mine], rhs - self._E @ kept
-        u_b, z_b = np.zeros(len(f)), np.zeros(len(rhs))
+        form, main = self._form, about is not None
+        loads, kept, own, w_0 = self._begun(f, g, rhs, about)
+        u_b, z_b = np.zeros(len(f)), np.zeros(len(loads[2]))
         b, u_0, v_0 = self._loads_about(u_b, z_b, *loads)
         q: Any = None
         if self._solver is None:
@@ -110,37 +81,28 @@ class FrictionStep:
             q = self._solver.once(b)
             for _ in range(REFINES * main):
                 u_b, z_b = u_b + (form.motion(q) + u_0), z_b + form.frame_motion(q, v_0)
-                gaps = loads[1] - self._gives * (_of_bodies(form, f, u_b) - own)
+                gaps = loads[1] - self._gives * (of_bodies(form, f, u_b) - own)
                 b, u_0, v_0 = self._loads_about(u_b, z_b, f, gaps, loads[2])
                 forces = form.forces_alone(q)
                 q = forces + self._solver.once(self._solver.left(b, forces))
-        u = u_b + (form.motion(q) + u_0)
-        found = _of_bodies(form, f, u) + form.frame_multipliers(q, self._scale)
-        multiplier = np.zeros(len(g))
-        multiplier[self._on] = gather_rows(split.comm, found)[numbering.number] + kept
-        w = z_b + form.frame_motion(q, v_0)
-        w = w if C is None else C @ w + w_0
+        answer = self._answer(q, f, kept, w_0, (u_b, z_b, u_0, v_0))
         if main:
-            self._of.last = u, multiplier, w
-        return u, multiplier, w
+            self._of.last = answer
+        return answer
 
-    def _loads_about(
-        self, u: Array, z: Array, f: Array, g: Array, rhs: Array
-    ) -> tuple[Array, Array, Array]:
-        """b of A q = b for what is added to u and z, and the offsets u_0 and v_0: about the last
-        solution sums of large motions, as those of both sides of a slip, cost no digits."""
-        form, split, fixed = self._form, self._split, self._fixed
-        if self._split.comm.allreduce(bool(u.any() or z.any()), op=MPI.LOR):
-            of_rows = form.vectors * np.where(fixed[form.dofs], 0.0, u[form.dofs])
-            g = g - form.L @ z + of_rows.sum(axis=1)
-            f = np.where(fixed, f - u, f - split.times(u))
-        u_0, v_0 = form.offsets(f, g)
-        b = form.load(f, u_0, self._test)
-        b[len(f) + form.tail.seats] -= (rhs - self._D @ (z + v_0))[form.tail.mine_used]
-        return b, u_0, v_0
-
-    def _times(self, q: Array) -> Array:
-        return product(self._form, self._corner, q, self._test)
+    def ask_many(self, loads: Sequence[Load]) -> list[Answer]:
+        """See ``SetUp``."""
+        if self._solver is None:
+            return super().ask_many(loads)
+        begun = [self._begun(*load, None) for load in loads]
+        none = np.zeros(len(self._fixed)), np.zeros(len(begun[0][0][2]))
+        right = [self._loads_about(*none, *one) for one, *_ in begun]
+        found = self._solver.solve_many(np.column_stack([b for b, *_ in right]))
+        each = zip(found.T, begun, right, strict=True)
+        return [
+            self._answer(q, f, kept, w_0, (*none, u_0, v_0))
+            for q, ((f, *_), kept, _, w_0), (_, u_0, v_0) in each
+        ]
 
     def _iterate(self, b: Array, q: Array, load: float, around: Any, main: bool) -> Any:
         """q by GMRES; None where it does not get there, and ``_solver`` has taken over."""
@@ -235,13 +197,6 @@ class FrictionStep:
         for item in (self._solver, self._test, self._form.T, self._corner):
             if item is not None:
                 item.destroy()
-
-
-def _of_bodies(form: Transformation, f: Array, u: Array) -> Array:
-    """(R,) forces of this rank's rows on free dofs, by f - K u."""
-    S = form.split.surface
-    left = np.where(form.fixed[S], 0.0, f[S] - form.split.rows(u))
-    return np.asarray(form.A.T @ left)
 
 
 def _factors(of: FrictionSystem, form: Transformation, test: Any, corner: Any) -> DirectSolver:

@@ -23,7 +23,7 @@ from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.symmetric import items_of
 from dolfinx_llm.forms.condensed.system import CondensedSystem
 from dolfinx_llm.forms.cost import FEWEST
-from dolfinx_llm.forms.exchange import SetUp, WholeSteps, forecast_of, with_bodies
+from dolfinx_llm.forms.exchange import MANY_ASKED, SetUp, WholeSteps, forecast_of, with_bodies
 from dolfinx_llm.forms.options import FACTORISED
 from dolfinx_llm.forms.step import SOFT, LinearStep, StepResult
 from dolfinx_llm.forms.verdict import FinalError
@@ -101,7 +101,7 @@ class CondensedForm(WholeSteps):
         if self.friction is not None and self._steps > SWUNG and not self._by_cg(step):
             self.friction.give_up(SWINGS_ON)
             back = True
-        self.most = CondensedForm.most if back else 0
+        self.most, self.many = CondensedForm.most if back else 0, 0
         made = self._served(step)
         by_cg = isinstance(made, _Symmetric)  # stays, whichever pairs may open now
         system = self.system if by_cg else self.friction
@@ -123,7 +123,8 @@ class CondensedForm(WholeSteps):
         """A step with friction, as far as the law's residual is worth it."""
         self._served(step)
         self.friction.turn(new)
-        self.most = WholeSteps.most if self.friction.direct else ASKED * back
+        direct = self.friction.direct
+        self.most, self.many = (WholeSteps.most, MANY_ASKED) if direct else (ASKED * back, 0)
         found = super().solve(f, step)
         if new:
             self._swings, self._fewest = 0, np.inf
@@ -242,7 +243,7 @@ class CondensedForm(WholeSteps):
         self.system = self.split = self.friction = None
 
 
-class _Symmetric:
+class _Symmetric(SetUp):
     """A step whose matrix is that of a ``CondensedSystem``, which may serve other steps as well:
     rows in contact stand at the places ``on`` (r,) among all."""
 
