@@ -154,7 +154,8 @@ class Increment:
             with collective(comm):
                 place = placed.what.place(z, q, held)
                 start = np.full(len(place.gap), OPEN) if before is None else before
-                now, held = placed.what.touching(place, q, start, held, np.where(start, *bounds))
+                reach = _reach(place, start, *bounds)
+                now, held = placed.what.touching(place, q, start, held, reach)
             places, starts = [*places, place], [*starts, start]
             status, found = [*status, now], [*found, held]
             apart = not (now.any() or self.steps.bodies.in_time or self.drawn[i])
@@ -252,6 +253,20 @@ class Increment:
             self.evaluate()
             self.stuck = False  # it has been in balance
         return found
+
+
+def _reach(place: Any, start: Array, closed: float, opened: float) -> Array:
+    """(n,) gaps up to which pairs touch that bear nothing. Those that the linear model has closed
+    are judged by their forces: what gap is left is what it does not know, as of a way along a
+    tangent of what is round, and far more than soft pressure closes.
+
+    Args:
+        place: of the pairs.
+        start: (n,) their status in the model.
+        closed, opened: gaps that are none, of pairs that were [length].
+    """
+    left = np.where(place.pairs, np.maximum(closed, place.gap), closed)
+    return np.where(start != OPEN, left, opened)
 
 
 def _foresee(run: Increment, du: Array, changes: list[Array], exchanges: Exchanges) -> bool:
