@@ -31,6 +31,7 @@ from dolfinx_llm.interface.against import (
     loaded,
 )
 from dolfinx_llm.interface.obstacle import Obstacle, turned
+from dolfinx_llm.interface.rounds import round_advice
 
 CLOSINGS = 20  # steps onto an obstacle whose clearance is an estimate
 SERIES_BELOW = 0.1  # angle below which (1 - sin(a) / a) / a² is a series [rad]
@@ -77,11 +78,13 @@ class TiedObstacle(Bound, Pressed):
             raise ContactError(
                 f"{surface.name} and the {what}, which are to be tied, lie up to {far:.3g} apart, "
                 f"more than a facet's size, {size:.3g}. Check tags, positions and units"
+                f"{round_advice(surface)}"
             )
         if off.any() and not close_gap:
             raise ContactInputError(
                 f"{surface.name} and the {what} are drawn with gaps of up to {far:.3g}: at finite "
                 "deformation choose Tied(close_gap=True), or draw them in touch"
+                f"{round_advice(surface)}"
             )
         points = surface.x.copy()
         for _ in range(CLOSINGS if off.any() else 0):
