@@ -34,6 +34,7 @@ from dolfinx_llm.geometry.loads import NodalLoads
 TOLERANCE = 1e-13  # a frame with max|r| / max f below this passes
 LACKING = 1e-11  # ... above it lacks freedom; what is below is rounding, of slivers of facets
 NARROW = 0.15  # largest correction up to which stencils of one ring of nodes are enough
+NARROW_LINE = 0.4  # ... along lines of second order: with two, tractions are off by up to 4 times
 OUTER = 0.01  # weight of that ring: corrections far from a row's own nodes cost accuracy
 # Of refinement, for first and second order: rounds, and what each must leave at most.
 ROUNDS_MOST, SLOWER = (6, 40), (0.5, 0.98)
@@ -107,6 +108,7 @@ def balanced_rows(
     allowed = max(TOLERANCE, 50.0 * np.finfo(float).eps * far)  # rounding of far coordinates
     ring = adjacency(frame.cells, len(loading.s))
     plain, rank = loading.residual(N), (np.inf, np.inf)
+    enough = NARROW_LINE if loading.count > 1 and loading.s.shape[1] == 1 else NARROW
     best: tuple[Sequence[csr_matrix], Array, float] = N, plain, 0.0
     for widths in widths_of(loading.s, N):
         weights = [
@@ -118,7 +120,7 @@ def balanced_rows(
         new = max(most, allowed), change if most <= allowed else 0.0
         if new < rank:
             rank, best = new, (found, left, change)
-        if most <= allowed and change <= NARROW:
+        if most <= allowed and change <= enough:
             break
     found, left, change = best
     residual = np.abs(left).max(axis=1)

@@ -61,6 +61,21 @@ def test_third_order_in_displacement_second_in_pressure_and_traction(nu):
     assert (rates >= [2.9, 1.95, 1.9, 1.9, 1.9]).all(), rates
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("kind", [TRI, QUAD])
+@pytest.mark.parametrize("nu", [0.5, 0.4999])
+def test_rates_on_four_meshes(kind, nu):
+    """From each to the next, tractions as told and by the integrals of the shape functions alone:
+    1.0 to 1.8 from the third to the last, where rows had wider stencils on that mesh alone."""
+    errors, field = [], mixed.Field(2, True)
+    for n in (8, 16, 32, 64):
+        found, problem = tied((kind, kind), (n, 3 * n // 2), True, nu)
+        (result,), (geometry,) = problem.results, problem.geometries
+        errors.append([*found, *so.traction_errors(result, field, geometry)])
+    rates = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert (rates >= [2.9, 1.95, 1.9, 1.9, 1.9, 1.9, 1.9]).all(), rates
+
+
 @pytest.mark.parametrize(("law", "solver", "spring"), [
     (llm.Frictionless(), "saddle", 0.0), (llm.Coulomb(0.4), "auto", 0.0),
     (llm.Tied(), "auto", 0.0), (llm.Coulomb(0.4), "saddle", 1.0),
