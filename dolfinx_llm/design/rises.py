@@ -16,7 +16,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.design.quadric import SmoothSurface
 from dolfinx_llm.geometry.cells import unit_normals
 from dolfinx_llm.geometry.frame import Frame
-from dolfinx_llm.geometry.pieces import neighbours
+from dolfinx_llm.geometry.neighbours import neighbours
 from dolfinx_llm.geometry.surface import Surface
 
 ROUND = 1e-3, 0.55  # [rad] between facets that are drawn of a curved surface

@@ -14,7 +14,7 @@ from dolfinx_llm.geometry.cells import (
     unit_normals,
     vector_areas,
 )
-from dolfinx_llm.geometry.pieces import neighbours
+from dolfinx_llm.geometry.neighbours import neighbours
 
 CURVES, SHARP = 1e-3, np.pi / 6  # angles of facets with the mean about a node, where it is curved
 STANDS_OUT = 2.0  # times as sharp as what facets meet at beside it, or SHARP: an edge

@@ -11,20 +11,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.geometry.cells import connected, unit, unit_normals, vector_areas
+from dolfinx_llm.geometry.cells import connected, unit, vector_areas
 from dolfinx_llm.geometry.facing import TURN, Facing, Separation, facing_facets
+from dolfinx_llm.geometry.neighbours import (
+    STRAIGHT,
+    connected_parts,
+    creased,
+    meet_smoothly,
+    neighbours,
+)
 from dolfinx_llm.geometry.overlap_curved import is_flat
 from dolfinx_llm.geometry.overlap_flat import Plane, common_area, common_plane, plane_with
 from dolfinx_llm.geometry.surface import Surface
 
 TOGETHER = 0.05  # [rad] by which both surfaces may turn against the plane of what may part
 VICINITY = 0.05  # width of the surroundings of the nearest place, in the surfaces' radius
-STRAIGHT = 1e-8  # difference of the unit normals of a flat side's facets
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +69,10 @@ def touching_pieces(
     if plane is not None:
         return [found.piece(everything, plane)]
     groups, smooth = found.groups(), found.smooth_parts()
-    planes = [found.plane(group) for group in groups]
-    if len(groups) > 1 and all(planes):
-        return [found.piece(group, plane) for group, plane in zip(groups, planes)]
+    for parts in (groups, found.flanks()):
+        planes = [found.plane(part) for part in parts]
+        if len(parts) > 1 and all(planes):
+            return [found.piece(part, plane) for part, plane in zip(parts, planes)]
     return [found.piece(everything, None, edges=smooth - len(groups))]
 
 
@@ -149,6 +154,29 @@ class _Found:
         label = self._components(sharp=True)
         return [label == k for k in range(label.max() + 1)]
 
+    def flanks(self) -> list[Array]:
+        """Facets by the flank they face of a groove, hollow at its edges, in which a body lies that
+        has none; none where there are other edges."""
+        label, grooved = self._components(sharp=False), False
+        for k, (side, f) in enumerate(zip(self.sides, self.facing)):
+            facets = side.facets[f.facets]
+            i, j = neighbours(facets)
+            normal, x = (a[self.side == k] for a in (self.normal, self.centre))
+            rounded = meet_smoothly(normal, i, j) & ~creased(facets, normal, i, j)
+            hollow = np.einsum("ni,ni->n", normal[i], x[j] - x[i]) > 0.0
+            if rounded.all():
+                continue
+            if grooved or not (rounded | hollow).all():
+                return []
+            grooved, own = True, connected_parts(i[rounded], j[rounded], len(x))
+            flank = np.full(len(side.facets), -1)
+            flank[f.facets] = own
+            label[self.side == k], label[self.side != k] = own, flank[self.facing[1 - k].partner]
+        found = [label == n for n in range(label.max() + 1)]
+        return [
+            of for of in found if len(set(self.side[of])) == 2
+        ]  # single facets at ends face none
+
     def _components(self, sharp: bool) -> Array:
         """(m,) connected part of each facet; with sharp edges as ties, or without."""
         rows, cols, start = [], [], np.array([0, self.count[0]])
@@ -156,7 +184,7 @@ class _Found:
             i, j = neighbours(side.facets[f.facets], by_nodes=sharp)
             i, j = i + start[k], j + start[k]
             if not sharp:
-                kept = _smooth(self.normal, i, j)
+                kept = meet_smoothly(self.normal, i, j)
                 i, j = i[kept], j[kept]
             place = np.full(len(self.sides[1 - k].facets), -1)
             place[self.facing[1 - k].facets] = start[1 - k] + np.arange(self.count[1 - k])
@@ -164,9 +192,7 @@ class _Found:
             own = np.flatnonzero(across >= 0)
             rows += [i, start[k] + own]
             cols += [j, across[own]]
-        row, col = np.concatenate(rows), np.concatenate(cols)
-        n = sum(self.count)
-        return connected_components(coo_matrix((np.ones(len(row)), (row, col)), (n, n)), False)[1]
+        return connected_parts(np.concatenate(rows), np.concatenate(cols), sum(self.count))
 
 
 def separated(piece: Piece, sides: Sequence[Surface]) -> list[Piece]:
@@ -236,46 +262,3 @@ def mean_normal(areas: Sequence[Array], weights: Sequence[Array]) -> Array | Non
     mean = means[0] - means[1]
     size = np.linalg.norm(mean)
     return mean / size if size > 0.1 else None
-
-
-def faces(sides: Sequence[tuple[Array, Array]], pairs: Sequence[Array]) -> Array:
-    """(n,) number of the face of each pair of facets, n of both sides, that face each other: what
-    hangs together without a sharp edge; 0 of all where there is none.
-
-    Args:
-        sides: per side positions of nodes (m, gdim), and facets (f, k).
-        pairs: per side (n,) numbers of facets.
-    """
-    joined, sharp, first = [], False, [0, len(sides[0][1])]
-    for (x, facets), start in zip(sides, first, strict=True):
-        i, j = neighbours(facets)
-        smooth = _smooth(unit_normals(x, facets), i, j)
-        sharp |= not smooth.all()
-        joined.append((start + i[smooth], start + j[smooth]))
-    if not sharp:
-        return np.zeros(len(pairs[0]), dtype=np.int64)
-    joined.append((pairs[0], first[1] + pairs[1]))
-    row, col = (np.concatenate(ends) for ends in zip(*joined, strict=True))
-    graph = coo_matrix((np.ones(len(row)), (row, col)), (first[1] + len(sides[1][1]),) * 2)
-    label = connected_components(graph, False)[1]
-    return np.unique(label[pairs[0]], return_inverse=True)[1]
-
-
-def _smooth(normals: Array, i: Array, j: Array) -> Array:
-    """(n,) whether facets i and j (n,) of these normals meet without a sharp edge."""
-    found: Array = np.einsum("ni,ni->n", normals[i], normals[j]) > np.cos(TURN)
-    return found
-
-
-def neighbours(facets: Array, by_nodes: bool = False) -> tuple[Array, Array]:
-    """Pairs of facets that share an edge (a node of segments, or where ``by_nodes``)."""
-    m, k = facets.shape
-    if k == 2 or by_nodes:
-        key = facets.ravel()
-    else:
-        ends = np.sort(np.stack([facets, np.roll(facets, -1, axis=1)], axis=2), axis=2)
-        key = (ends[..., 0] * (facets.max() + 1) + ends[..., 1]).ravel()
-    owner = np.repeat(np.arange(m), k)
-    order = np.lexsort((owner, key))
-    same = key[order][1:] == key[order][:-1]
-    return owner[order][:-1][same], owner[order][1:][same]

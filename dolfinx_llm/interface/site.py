@@ -16,7 +16,7 @@ from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.design.rises import ROUND
 from dolfinx_llm.geometry.cells import unit_normals
-from dolfinx_llm.geometry.pieces import neighbours
+from dolfinx_llm.geometry.neighbours import neighbours
 from dolfinx_llm.geometry.spaces import is_scalar
 from dolfinx_llm.geometry.surface import Surface, check_sides, extract_surface
 from dolfinx_llm.interface.choices import Interface

@@ -11,9 +11,9 @@ import numpy as np
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.cells import unit, vector_areas
 from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.neighbours import STRAIGHT
 from dolfinx_llm.geometry.overlap_curved import is_flat
 from dolfinx_llm.geometry.pairs import ContactPairs
-from dolfinx_llm.geometry.pieces import STRAIGHT
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.site import Site, places
 

@@ -14,7 +14,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import agree, check, collective, gather_rows
 from dolfinx_llm.geometry.facets_near import Polygons, facing_pairs
-from dolfinx_llm.geometry.pieces import faces
+from dolfinx_llm.geometry.neighbours import faces
 from dolfinx_llm.geometry.spaces import check_space
 from dolfinx_llm.geometry.surface import Surface, check_facet_tags, extract_surface, facet_nodes
 from dolfinx_llm.interface.choices import Interface

@@ -1,5 +1,7 @@
 """What can touch, facet by facet: whole surfaces tagged, any orientation, bodies that overlap."""
 
+from dataclasses import replace
+
 import contact_scenes as cs
 import curved_scenes
 import facing_scenes as fs
@@ -141,6 +143,30 @@ def test_corner_is_said():
     _, apart = found((inside, walls))
     (piece,) = touching_pieces((inside, walls), apart, True)
     assert piece.plane is None and piece.edges == 1
+
+
+@pytest.mark.parametrize("angle", [80.0, 130.0, 165.0])
+@pytest.mark.parametrize("swap", [False, True])
+def test_flanks_of_a_groove_have_a_plane_each(angle, swap):
+    """A roller in a V of this angle. One that lies on a roof has one piece, and so do a pin and a
+    bore of few facets, which have no nodes inside of flat faces."""
+    half = np.radians(0.5 * angle)
+    far = np.linspace(-2.0, 2.0, 41)
+    x = np.column_stack([np.sin(half) * far, np.cos(half) * np.abs(far) - 1.0 / np.sin(half)])
+    n = np.arange(40)
+    groove = curved_scenes.surface(x, np.column_stack([n, n + 1]))
+    roller = curved_scenes.arc(1.0, 50, 180.0, 360.0)
+    sides = (groove, roller)[:: -1 if swap else 1]
+    pieces = touching_pieces(sides, found(sides)[1], True)
+    assert len(pieces) == 2
+    for piece, facets in zip(pieces, (piece.facets[swap] for piece in pieces), strict=True):
+        lean = -np.sign(groove.x[groove.facets[facets]][..., 0].sum())
+        along = np.array([lean * np.cos(half), np.sin(half)]) * (-1.0 if swap else 1.0)
+        np.testing.assert_allclose(piece.plane.normal, along, atol=1e-12)
+    sides = replace(groove, x=x * [1.0, -1.0] - [0.0, 1.0 + 1.0 / np.sin(half)]), roller
+    assert len(touching_pieces(sides, found(sides)[1], True)) == 1
+    sides = curved_scenes.arc(1.0, 50, 0, 360), curved_scenes.arc(1.02, 8, 0, 360, False)
+    assert len(touching_pieces(sides, found(sides)[1], True)) == 1
 
 
 # Problems
