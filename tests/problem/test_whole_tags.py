@@ -16,8 +16,9 @@ SIDES, HELD = (2, 5), (1, 6)
 
 def rings(counts, layers=0, hexahedra=True, order=2):
     """A ring that touches a larger one, in which it lies, at its lowest point."""
-    meshes, parts = [], zip(counts, ((0.5, 1.0, 0.1), (1.5, 2.0, 0.27)), (1, 5), strict=True)
-    for n, where, tag in parts:
+    meshes, orders = [], np.broadcast_to(order, 2).tolist()
+    places = (0.5, 1.0, 0.1), (1.5, 2.0, 0.27)
+    for n, where, tag, order in zip(counts, places, (1, 5), orders, strict=True):
         meshes.append(bent_rings.ring(n, *where, order, tag, layers, 0.3, hexahedra))
     meshes[0][0].geometry.x[:, 1] -= 0.5
     return meshes
@@ -37,7 +38,8 @@ def pressed(meshes, law, by_hand=False, swap=False, depth=0.01, order=2, **optio
     gdim, forms, loads, bcs, sides = meshes[0][0].geometry.dim, [], [], [], []
     motions = np.zeros((2, gdim))
     motions[0, :2] = 0.2 * depth, -depth
-    for (mesh, tags), side, held, motion in zip(meshes, SIDES, HELD, motions, strict=True):
+    parts = zip(meshes, SIDES, HELD, motions, np.broadcast_to(order, 2).tolist(), strict=True)
+    for (mesh, tags), side, held, motion, order in parts:
         V = compat.function_space(mesh, degree=order, shape=(gdim,))
         u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
         strain = ufl.sym(ufl.grad(u))
@@ -85,6 +87,15 @@ def test_rollers_of_first_order(counts):
     for swap in (False, True):
         found = forces(pressed(meshes, llm.Frictionless(), swap=swap, order=1), swap)
         assert np.linalg.norm(found - known) <= 0.04 * np.linalg.norm(known)
+
+
+@pytest.mark.parametrize("orders", [(1, 2), (2, 1)], ids=str)
+@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(0.2)], ids=str)
+def test_rollers_of_both_orders(orders, law):
+    """As of first order, all takes part."""
+    known = forces(pressed(rings((96, 128)), law, by_hand=True))
+    found = forces(pressed(rings((96, 128), order=orders), law, order=orders))
+    assert np.linalg.norm(found - known) <= 0.03 * np.linalg.norm(known)
 
 
 @pytest.mark.parametrize("hexahedra", [True, False])
