@@ -173,9 +173,8 @@ class _Found:
             flank[f.facets] = own
             label[self.side == k], label[self.side != k] = own, flank[self.facing[1 - k].partner]
         found = [label == n for n in range(label.max() + 1)]
-        return [
-            of for of in found if len(set(self.side[of])) == 2
-        ]  # single facets at ends face none
+        # Single facets at ends face none.
+        return [of for of in found if len(set(self.side[of])) == 2]
 
     def _components(self, sharp: bool) -> Array:
         """(m,) connected part of each facet; with sharp edges as ties, or without."""
