@@ -209,19 +209,19 @@ class Search:
         return settled and self._calm > self._corrections and self._pull.rests
 
     def _releases(self, now: Iterate, rests: bool) -> bool:
-        """Whether something is let go, or tied, that rests, or nearly so, and should not."""
+        """Whether something is let go, or tied, that rests, or nearly so, and is not as it should
+        be."""
         equations, felt = self._equations, ENOUGH * now.largest
         released = (rests or self._calm > 1) and release(equations, now.multiplier, now.w)
         released |= tie_more(self._states, now.borne, now.miss)
-        stuck = self._calm > PATIENT or (self._stalls(now) and now.miss > LONG_ENOUGH)
-        released |= stuck and halt_slips(self._states, now, self._frame)
+        released |= self._calm > PATIENT and halt_slips(self._states, now, self._frame)
         if not rests or released:
             return released
         gaps = self._scale * (equations.L @ now.w - now.position)
         if lets_go(self._states, now.borne, gaps, felt):
             return True
-        if asked := ask(self._states, now.borne, self._without_friction.vital):
-            self._last = self._number + MAXIMUM
+        asked = ask(self._states, now.borne, self._without_friction.vital)
+        self._last = self._number + MAXIMUM if asked else self._last
         return asked
 
     def _go_on(self, now: Iterate, released: bool) -> None:
