@@ -25,21 +25,22 @@ def round_advice(surface: Surface) -> str:
         return ""  # flat, or few nodes, which always lie on a circle
     P, middle = ways[:, bent], x.mean(axis=0)
     y = np.einsum("ni,ik->nk", x - middle, P)
-    square = np.einsum("nk,nk->n", y, y)
-    *centre, rest = np.linalg.lstsq(np.column_stack([2.0 * y, np.ones(len(y))]), square)[0]
+    size = np.abs(y).max()
+    y /= size  # lengths stand beside ones
+    fit = np.column_stack([2.0 * y, np.ones(len(y))])
+    *centre, rest = np.linalg.lstsq(fit, np.einsum("nk,nk->n", y, y), rcond=None)[0]
     radius = float(np.sqrt(max(rest + np.dot(centre, centre), 0.0)))
     off = float(np.abs(np.linalg.norm(y - centre, axis=1) - radius).max())
     if not off < 0.1 * radius:
         return ""
-    at = checks.place(middle + np.einsum("ik,k->i", P, centre))
+    at = checks.place(middle + size * np.einsum("ik,k->i", P, centre))
     arms = y[surface.facets].mean(axis=1) - centre
-    away = float(
-        np.einsum("fk,fi,ik->", arms, areas, P)
-    )  # of a shaft; the areas of a bore point in
+    # Areas of a bore point in.
+    away = float(np.einsum("fk,fi,ik->", arms, areas, P))
     inside = ", inside=True" if away > 0.0 else ""
     along = "" if bent.all() else f" {checks.place(ways[:, 0])},"
     kind = "RigidSphere" if bent.all() else "RigidCylinder"
     return (
-        f". {surface.name} is round, within {off:.2g} of a llm.{kind}({at},{along} "
-        f"{radius:.6g}{inside}): take that"
+        f". {surface.name} is round, within {size * off:.2g} of a llm.{kind}({at},{along} "
+        f"{size * radius:.6g}{inside}): take that"
     )
