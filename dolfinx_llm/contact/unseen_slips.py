@@ -20,7 +20,7 @@ from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.laws.rows import SLIP
 
 NEAR_LIMIT = 1e-4  # of what a node can bear, by which it may be below that
-UNSEEN = 1e-12  # of the largest square of what pairs see: less of it is not seen
+UNSEEN = 1e-6  # of the largest square of what pairs see: less of it is not seen
 TIMES = 3  # each makes what pairs see of a change less by that
 
 

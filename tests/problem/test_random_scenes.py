@@ -210,13 +210,10 @@ def test_poses(seed, name, second):
     agree(scenes.solve(scene, POSED[name].of(scene)), scenes.solve(scene), scene)
 
 
-@pytest.mark.parametrize(
-    ("seed", "second"), [(1013, False), (1077, False), (5028, True), longer(1221, False)]
-)
-def test_the_same_again(seed, second):
-    """A load step without any change leaves friction as it is, where supports prescribe motion, and
-    where single pairs next to open ones see slips by a thousandth (5028: 1e-5 of the forces)."""
-    scene = scenes.draw(seed, second)
+@pytest.mark.parametrize("seed", [1013, 1077, longer(1221)])
+def test_the_same_again(seed):
+    """A load step without any change leaves friction as it is, where supports prescribe motion."""
+    scene = scenes.draw(seed)
     scene.steps = scene.steps[:1] * 2
     first, second = scenes.solve(scene)
     size = max(np.abs(f).max() for f in first.force)
