@@ -68,12 +68,9 @@ def touching_pieces(
     plane = found.plane(everything)
     if plane is not None:
         return [found.piece(everything, plane)]
-    groups, smooth = found.groups(), found.smooth_parts()
-    for parts in (groups, found.flanks()):
-        planes = [found.plane(part) for part in parts]
-        if len(parts) > 1 and all(planes):
-            return [found.piece(part, plane) for part, plane in zip(parts, planes)]
-    return [found.piece(everything, None, edges=smooth - len(groups))]
+    groups = found.groups()
+    flat = found.flat_pieces(groups) or found.flat_pieces(found.flanks())
+    return flat or [found.piece(everything, None, edges=found.smooth_parts() - len(groups))]
 
 
 class _Found:
@@ -111,6 +108,13 @@ class _Found:
             weights = self._weights([which & (self.side == k) for k in (0, 1)])
         facets = self.facing[0].facets[parts[0]], self.facing[1].facets[parts[1]]
         return Piece(facets, plane, edges, weights)
+
+    def flat_pieces(self, parts: list[Array]) -> list[Piece]:
+        """A piece for each of several parts; none where one of these has no plane."""
+        planes = [self.plane(part) for part in parts]
+        if len(parts) < 2 or not all(planes):
+            return []
+        return [self.piece(part, plane) for part, plane in zip(parts, planes)]
 
     def plane(self, which: Array) -> Plane | None:
         """The plane that does for some facets, if one does."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dolfinx_llm.base import checks
-from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.cells import unit, vector_areas
 from dolfinx_llm.geometry.surface import Surface
 
 UNBENT = 1e-3  # part of the normals' spread that is none: along an axis, or of a flat surface
@@ -18,8 +18,7 @@ def round_advice(surface: Surface) -> str:
     """
     x = surface.x + surface.origin
     areas = vector_areas(surface.x, surface.facets)
-    normals = areas / np.maximum(np.linalg.norm(areas, axis=1), 1e-300)[:, None]
-    spread, ways = np.linalg.eigh(np.einsum("fi,fj->ij", normals, areas))
+    spread, ways = np.linalg.eigh(np.einsum("fi,fj->ij", unit(areas), areas))
     bent = spread > UNBENT * spread[-1]
     if bent.sum() < 2 or len(x) <= 2 * (bent.sum() + 1):
         return ""  # flat, or few nodes, which always lie on a circle

@@ -231,7 +231,7 @@ def test_auto(monkeypatch):
 # Steps of contact laws
 
 
-@pytest.mark.parametrize("n", [1, longer(2)])
+@pytest.mark.parametrize("n", [1, longer(2), longer(3)])
 def test_steps_reuse_the_set_up(n):
     """Load steps without friction: the flexibility's answer, with one preconditioner as long as
     the pairs in contact stay, and with other loads."""

@@ -53,8 +53,7 @@ class ReducedMatrix:
         if beside is None:
             self._store()
         else:
-            self._stored = beside.hand_over()
-            self._know()
+            self._know(beside)
 
     def _store(self) -> None:
         self.matrix, self.S = self.form.reduce(self.form.penalty(), self._scale)
@@ -62,14 +61,15 @@ class ReducedMatrix:
         self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self.matrix.setOption(PETSc.Mat.Option.SPD, True)
 
-    def _know(self) -> None:
+    def _know(self, beside: ReducedMatrix) -> None:
         form = self.form
         self._corner = form.corner(form.penalty(), self._scale)
-        diagonal = self._stored.createVecRight()
+        diagonal = beside.S.duplicate()
         inside, tail = form.split.inside_diagonal, diagonal_of(self._corner)
         diagonal.array_w[:] = np.concatenate([inside, tail])
         self.S = to_unit_diagonal(diagonal)
         size = self.S.array_r.copy()
+        self._stored = beside.hand_over()
         self.matrix = PETSc.Mat().createPython(
             self._stored.getSizes(),
             Shell(lambda x: size * product(form, self._corner, size * x)),
