@@ -91,6 +91,7 @@ class MovingInterfaceResult(InterfaceForces):
     # (gdim,) of an obstacle, prescribed or where a force brings it [length]; None with a frame
     displacement: Array | None = None
     rotation: Array | None = None  # (1,), (3,) rotation vector of an obstacle, likewise [rad]
+    firm = True  # the frame is one of the surfaces
 
     @property
     def pressure(self) -> Array:
@@ -113,6 +114,11 @@ class MovingInterfaceResult(InterfaceForces):
     def frame_drawn(self) -> Array:
         assert self.frame is not None
         return self.frame.x - self.frame.v
+
+    def moved(self, scale: float) -> Array:
+        if self.frame is None:
+            return super().moved(scale)
+        return self.frame_drawn + scale * (self.frame.x - self.frame_drawn)
 
 
 def moving_results(

@@ -13,6 +13,9 @@ from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.cells import cross_plane
 from dolfinx_llm.geometry.frame import Frame
 
+BEARING = 0.01  # of the largest pressure: a node of the frame with more is where the law has it
+AS_NEAR = 1e-9  # of a frame's extent: bodies that touch it share it alike
+
 
 def per_area(force: Array, area: Array) -> Array:
     """(m, k) forces over areas (m,), 0 where there is none [force / area]."""
@@ -26,9 +29,26 @@ def moments(arm: Array, force: Array) -> Array:
     return np.cross(arm, force)
 
 
+def closest(x: Array, cells: Array, points: Array) -> tuple[Array, Array]:
+    """Nodes (k, c) of the cell of a surface that is closest to each point, and their parts (k, c)
+    in the closest point: beyond the rim that of the rim counts.
+
+    Args:
+        x: (n, gdim) nodes of the surface [length].
+        cells: (f, c) of these, of first order.
+        points: (k, gdim) [length].
+    """
+    used, corners = np.unique(cells, return_inverse=True)
+    corners = corners.reshape(cells.shape)
+    at = Frame(x[used], corners).locate(points)
+    N = np.maximum(at.N, 0.0)
+    return used[corners[at.cell]], N / N.sum(axis=1, keepdims=True)
+
+
 class InterfaceForces:
     """Forces at the nodes of a frame, or of the body against a rigid obstacle, and what follows of
-    them; ``sides`` have ``x``, where their ``force`` acts, ``drawn`` and ``u``."""
+    them; ``sides`` have ``x``, where their ``force`` acts, ``drawn``, ``u``, ``normal``, ``facets``
+    between them."""
 
     if TYPE_CHECKING:  # fields of what is derived from it
         frame: Frame | None
@@ -39,6 +59,7 @@ class InterfaceForces:
         frame_status: Array
         frame_density: Array
         presses: bool
+        firm: bool
 
     @property
     def x(self) -> Array:
@@ -48,11 +69,50 @@ class InterfaceForces:
     @property
     def deformed(self) -> Array:
         """(m, gdim) the same in the deformed state; as drawn where a scalar field is solved for
-        [length]."""
-        if self.frame is None:
-            return self.sides[0].drawn + self.sides[0].u
-        still = self.frame.v is None or self.frame.v.shape != self.frame_drawn.shape
-        return self.frame_drawn if still else self.frame_drawn + self.frame.v
+        [length].
+
+        A node of the frame is where its motion ``frame.v`` takes it as far as it bears something,
+        else between the bodies that face it: beside contact pairs see small entries of corrected
+        rows alone of some, of which the law tells next to nothing.
+        """
+        frame, drawn = self.frame, self.x
+        if frame is None or frame.v is None or frame.v.shape != drawn.shape:
+            return self.moved(1.0)
+        at, pressure = self.frame_drawn + frame.v, np.abs(self.pressure)
+        bears = np.minimum(1.0, pressure / (BEARING * pressure.max(initial=0.0) or 1.0))
+        if self.firm or (bears == 1.0).all():
+            return at
+        between, apart = self._faced(1.0)
+        off = np.linalg.norm(at - between, axis=1)
+        most = (bears * apart).max()  # what bears lies between the bodies
+        keeps = bears * np.where(off > most, most / np.where(off > 0.0, off, 1.0), 1.0)
+        return np.where(keeps[:, None] < 1.0, between + keeps[:, None] * (at - between), at)
+
+    def moved(self, scale: float) -> Array:
+        """(m, gdim) ``x`` as drawn, between the bodies that face it, which are moved [length].
+
+        Args:
+            scale: factor on their displacements.
+        """
+        side = self.sides[0]
+        if side.u.shape != side.drawn.shape:  # of a scalar field
+            return self.x
+        return side.drawn + scale * side.u if self.frame is None else self._faced(scale)[0]
+
+    def _faced(self, scale: float) -> tuple[Array, Array]:
+        """Between what faces the frame's nodes, moved by a factor on displacements, and nearer to
+        that which is drawn nearer (m, gdim); how far both are apart (m,) [length]."""
+        x, places, far = self.frame_drawn, [], []
+        for side in self.sides:
+            nodes, N = closest(side.drawn, side.facets, x)
+            fields = side.drawn, side.u, side.normal
+            met, u, n = (np.einsum("kn,kni->ki", N, values[nodes]) for values in fields)
+            across = np.einsum("ki,ki->k", met - x, n) / np.einsum("ki,ki->k", n, n)
+            places.append(x + across[:, None] * n + scale * u)  # beyond a rim nothing is shifted
+            far.append(np.linalg.norm(met - x, axis=1) + AS_NEAR * np.ptp(x, axis=0).max())
+        jump = places[1] - places[0]
+        part = far[0] / (far[0] + far[1])
+        return places[0] + part[:, None] * jump, np.linalg.norm(jump, axis=1)
 
     @property
     def frame_drawn(self) -> Array:
@@ -100,12 +160,8 @@ class InterfaceForces:
             drawn, cells = self.frame_drawn, self.frame.corners
         accepted = f"give (k, {drawn.shape[1]}) positions"
         points = checks.array("x", x, (None, drawn.shape[1]), accepted)
-        used, corners = np.unique(cells, return_inverse=True)
-        corners = corners.reshape(cells.shape)
-        at = Frame(drawn[used], corners).locate(points)
-        N = np.maximum(at.N, 0.0)  # beyond the rim the nearest point of it counts
-        N /= N.sum(axis=1, keepdims=True)
-        return np.einsum("kn,kn->k", N, self.pressure[used][corners[at.cell]])
+        nodes, N = closest(drawn, cells, points)
+        return np.einsum("kn,kn->k", N, self.pressure[nodes])
 
     @property
     def traction(self) -> Array:

@@ -12,7 +12,6 @@ import ufl
 from dolfinx.fem import Function
 from dolfinx.mesh import exterior_facet_indices
 from mpi4py import MPI
-from scipy.spatial import cKDTree
 from ufl.core.expr import Expr
 
 from dolfinx_llm.base import checks, compat
@@ -257,7 +256,7 @@ def _pressures(results: Sequence[InterfaceForces], scale: float) -> tuple[Any, .
     ]
     k = max(corners.shape[1] for _, corners in surfaces)
     for result, (drawn, corners) in zip(results, surfaces, strict=True):
-        points.append(drawn + scale * _motion(result, drawn))
+        points.append(result.moved(scale))
         c = corners.shape[1]
         cells.append(start + corners[:, [*range(c), *[-1] * (k - c)]])
         start += len(drawn)
@@ -280,18 +279,3 @@ def commonest(marks: Array) -> Array:
     """(m,) the mark that most corners of each cell (m, k) have, of equals the largest."""
     counts = (marks[:, :, None] == np.arange(len(STATUS))).sum(axis=1)
     return counts.shape[1] - 1.0 - np.argmax(counts[:, ::-1], axis=1)
-
-
-def _motion(result: InterfaceForces, x: Array) -> Array:
-    """(m, gdim) how the bodies move at points of the contact: as the nodes next to them, of the
-    side that has these nearest. Frame nodes that hardly any pair holds go ways of their own."""
-    found = []
-    if result.sides[0].u.shape != result.sides[0].drawn.shape:  # of a scalar field
-        return np.zeros_like(x)
-    for side in result.sides:
-        k = min(x.shape[1], len(side.drawn))
-        far, near = cKDTree(side.drawn).query(x, k=np.arange(1, k + 1))
-        weights = 1.0 / np.maximum(far, 1e-9 * np.ptp(x, axis=0).max())
-        motion = np.einsum("nk,nki->ni", weights, side.u[near]) / weights.sum(axis=1)[:, None]
-        found.append((far[:, 0].sum(), motion))
-    return min(found, key=lambda pair: pair[0])[1]

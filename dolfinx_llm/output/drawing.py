@@ -105,7 +105,11 @@ def draw_scene(scene: Scene, path: str | Path) -> None:
     bar = plt.cm.ScalarMappable(norm, cmap)
     figure.axes[0].set_title(scene.label, fontsize="medium")  # longer than flat bodies are high
     told = figure.colorbar(
-        bar, ax=figure.axes, shrink=0.7, label=scene.label.split(" (")[0].split(";")[0]
+        bar,
+        ax=figure.axes,
+        shrink=0.7,
+        pad=0.05 if scene.points.shape[1] == 2 or scene.view is not None else 0.12,
+        label=scene.label.split(" (")[0].split(";")[0],
     )
     if scene.named is not None:
         told.set_ticks(np.arange(len(scene.named)), labels=list(scene.named))
@@ -165,4 +169,10 @@ def _draw_skin(figure: Any, scene: Scene, colours: Array) -> None:
     _draw_marks(axis, scene.points, scene.status)
     if not flat:
         axis.set_aspect("auto")
-        axis.set_box_aspect(np.maximum(high - low, 1e-3 * (high - low).max()))
+        # Room for what stands out of the box when it is turned, and for numbers along short edges.
+        axis.set_box_aspect(np.maximum(high - low, 1e-3 * (high - low).max()), zoom=0.85)
+        for k, name in enumerate("xyz"):
+            part = (high - low)[k] / (high - low).max()
+            getattr(axis, f"{name}axis").get_major_locator().set_params(
+                nbins=max(1, round(5 * part))
+            )

@@ -150,7 +150,9 @@ def interface_fields(
     own = {"pressure": result.pressure, "traction": result.traction, "area": result.frame_area}
     if result.frame is not None:
         frame = result.frame
-        fields = {"displacement": frame.v, **own, "status": result.frame_status.astype(float)}
+        scalar = result.sides[0].u.shape[1] == 1
+        motion = frame.v if scalar else result.deformed - result.frame_drawn
+        fields = {"displacement": motion, **own, "status": result.frame_status.astype(float)}
         parts["frame"] = result.frame_drawn, frame.corners, fields
     for k, side in enumerate(result.sides):
         far = side.gap[np.isfinite(side.gap)].max(initial=np.ptp(side.x, axis=0).sum())

@@ -43,6 +43,30 @@ def test_gap_is_between_the_bodies(law):
     assert opened > 2 and sum((side.status != OPEN).sum() for side in sides) > 2
 
 
+@pytest.mark.parametrize("law", [*LAWS, llm.Tied()], ids=str)
+def test_frame_is_between_the_bodies(law):
+    """It is where the law has it as long as it bears, in the middle of what opens; beyond the rim
+    of one body with the other."""
+    scene = pressed(law)
+    scene.move(down(0.01, drag=0.002))
+    (result,) = scene.problem.results
+    assert (result.deformed == result.frame.x + result.frame.v).all()
+    if not law.opens:
+        return
+    scene.move(down(-0.05))
+    (result,) = scene.problem.results
+    assert (result.frame_status == OPEN).all()
+    narrow, wide = sorted(result.sides, key=lambda side: np.ptp(side.x[:, 0]))
+    beyond = np.abs(result.x[:, 0]) > np.abs(narrow.x[:, 0]).max()
+    assert 2 <= beyond.sum() < len(beyond)
+    for scale, told in ((1.0, result.deformed), (10.0, result.moved(10.0))):
+        one, other = ((side.x + scale * side.u)[:, 1].mean() for side in (narrow, wide))
+        expected = np.where(beyond, other, 0.5 * (one + other))
+        assert abs(one - other) > 0.049 * scale
+        assert np.abs(told[:, 1] - expected).max() <= 1e-7 * scale
+        assert np.abs(told[:, 0] - result.x[:, 0]).max() <= 1e-7 * scale
+
+
 @pytest.mark.parametrize("seed", some_of((303, 307, 551), (551,)))
 def test_pressure_where_all_presses(seed):
     scene, motions = contact_scenes.random_pressed(MPI.COMM_SELF, seed)

@@ -134,3 +134,23 @@ def test_flanks_of_a_groove_under_one_tag(law):
     (known, largest), (total, most) = found
     assert np.abs(total - known).max() <= 1e-6 * np.linalg.norm(known)
     assert most == pytest.approx(largest, rel=1e-6)
+
+
+@pytest.mark.parametrize("law", [llm.Frictionless(), longer(llm.Coulomb(0.3))], ids=str)
+def test_frame_is_told_by_the_bodies_beside_contact(law):
+    """Corrected rows see its nodes there by small entries alone: the law has some 60 radii off, and
+    farther with friction. The picture of the interface shrank to a point."""
+    problem, top = problem_of(ball_in_groove, 5, law, True)
+    top.x.array.reshape(-1, 3)[:] = 0.0, 0.01, -0.05
+    problem.solve()
+    (result,) = problem.results
+    motion = max(np.linalg.norm(side.u, axis=1).max() for side in result.sides)
+    lawful, told = result.frame.x + result.frame.v, result.deformed
+    between = result.moved(1.0)
+    assert np.linalg.norm(lawful - between, axis=1).max() > 50.0
+    assert np.linalg.norm(told - between, axis=1).max() <= 2.0 * motion
+    bears = result.pressure > 0.02 * result.pressure.max()
+    assert bears.sum() >= 8 and (told[bears] == lawful[bears]).all()
+    x, _, fields = llm.post.interface_fields(result)["frame"]
+    assert np.abs(x + fields["displacement"] - told).max() <= 1e-15
+    problem.destroy()

@@ -28,6 +28,7 @@ def outcome(comm, seed, limit, solver="saddle"):
         out[name + "u"] = np.concatenate([sorted_nodes(f)[1] for f in u]).tolist()
         out[name + "force"] = np.concatenate([s.force for s in result.sides]).tolist()
         out[name + "status"] = np.concatenate([s.status for s in result.sides]).tolist()
+        out[name + "deformed"] = result.deformed.tolist()
         out[name + "gap"] = np.concatenate([s.gap for s in result.sides]).tolist()
     scene.problem.destroy()
     return out

@@ -1,5 +1,7 @@
 """Pictures and files: what they hold is read back. PyVista may be missing, broken, or hang."""
 
+import io
+import itertools
 import json
 import logging
 import re
@@ -225,6 +227,27 @@ def test_curved_frame_by_matplotlib(tmp_path, monkeypatch):
     assert np.ptp(image(tmp_path / "ring.png")) > 0.9
 
 
+@pytest.mark.parametrize("size", [(2.0, 2.0, 1.8), (10.0, 3.0, 2.0)], ids=str)
+def test_bodies_fit_in_their_picture(size, monkeypatch):
+    """By Matplotlib corners were cut off, and numbers along short edges lay upon each other."""
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import proj3d
+
+    corners = np.array(list(itertools.product((0.0, 1.0), repeat=3))) * size
+    faces = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4]])
+    figure = Figure(figsize=(8, 6))
+    scene = render.Scene(corners, faces, np.zeros(8), (0.0, 1.0), "")
+    drawing._draw_skin(figure, scene, np.ones((3, 4)))
+    figure.savefig(io.BytesIO())
+    axis = figure.axes[0]
+    flat = np.column_stack(proj3d.proj_transform(*corners.T, axis.get_proj())[:2])
+    inside = axis.bbox.contains
+    assert all(inside(*at) for at in axis.transData.transform(flat))
+    for k, name in enumerate("xyz"):
+        ticks = getattr(axis, f"get_{name}ticks")()
+        assert np.sum((ticks >= 0.0) & (ticks <= size[k])) <= 6.0 * max(size[k] / max(size), 0.34)
+
+
 @pytest.mark.parametrize("kind", ["triangle", "hexahedron"])
 def test_second_order_on_an_obstacle(kind, tmp_path, monkeypatch):
     """Nodes between corners are of the picture: they belonged to no cell, which was an error."""
@@ -426,6 +449,8 @@ def test_finite_deformation(obstacle, tmp_path):
         assert np.abs(x + fields["displacement"] - now).max() < 1e-14
         assert np.isfinite(fields["status" if name == "frame" else "gap"]).all()
     assert np.abs(result.deformed - result.x).max() < 1e-14
+    drawn = result.sides[0].drawn if obstacle else result.frame_drawn
+    assert np.abs(result.moved(3.0) - (3.0 * result.x - 2.0 * drawn)).max() < 1e-14
     # A gap may be larger than the body; where there is none a number stands for it.
     gaps = np.where(np.arange(len(result.sides[0].gap)) == 1, np.inf, 1e3)
     afar = replace(result, sides=(replace(result.sides[0], gap=gaps), *result.sides[1:]))

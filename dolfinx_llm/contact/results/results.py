@@ -61,7 +61,7 @@ class InterfaceResult(InterfaceForces):
     and so are areas.
     """
 
-    frame: Frame | None  # with its displacement v, (m, gdim) [length]
+    frame: Frame | None  # with its displacement v, (m, gdim), of the law, see ``deformed`` [length]
     sides: tuple[SideResult, ...]  # two, in the interface's order; one against an obstacle
     certificate: Certificate | None  # of the frame; None against an obstacle
     frame_force: Array  # (m,) normal force at the frame's nodes [force]
@@ -76,6 +76,7 @@ class InterfaceResult(InterfaceForces):
     # (gdim,) of an obstacle, prescribed or where a force brings it [length]; None with a frame
     displacement: Array | None = None
     rotation: Array | None = None  # (1,), (3,) of an obstacle, likewise [rad]
+    firm: bool = False  # bodies cannot part, and all of the frame moves with both
 
 
 def collect_results(
@@ -94,8 +95,7 @@ def collect_results(
         states: one per interface.
     """
     motions = [operators.motion(side, u) for side in range(len(operators.pairs))]
-    gaps, results = operators.side_gaps(), []
-    prescribed = operators.obstacle_motions()
+    gaps, results, prescribed = operators.side_gaps(), [], operators.obstacle_motions()
     parts = zip(operators.geometries, operators.places, states, strict=True)
     for i, (geometry, place, state) in enumerate(parts):
         m, d, gdim = geometry.directions.shape
@@ -131,7 +131,8 @@ def collect_results(
             # Rows that are left out have no other forces.
             sides = less(sides, geometry.pairs, state.at_supports * multiplier[place.rows])
         found = _interface_result(geometry, sides, nodal, v, state, shares)
-        results.append(replace(found, rotation=geometry.rotation(w[place.frame])))
+        turn, firm = geometry.rotation(w[place.frame]), not geometry.interface.law.opens
+        results.append(replace(found, rotation=turn, firm=firm))
     return copied(operators.comm, results)  # their arrays are the user's
 
 

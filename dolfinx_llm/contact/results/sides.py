@@ -37,7 +37,9 @@ class SideResult:
     normal: Array  # (n, gdim) frame normal, out of this side
     normal_force: Array  # (n,) positive in compression [force]
     gap: Array  # (n,) distance to the other body along the normal, 0 where closed [length]
-    frame_gap: Array  # (n,) the same to the frame, which lies between the bodies [length]
+    # (n,) the same to the frame as the law has it; beside contact, where it hardly knows, any
+    # number [length]
+    frame_gap: Array
     slip: Array  # (n, gdim) tangential motion relative to the frame, 0 where open [length]
     status: Array  # (n,) 0 open, 1 stick, 2 slip, 3 closed without friction
     area: Array  # (n,) tributary area: the force of unit pressure [area]
