@@ -2,8 +2,10 @@
 
 Without a working OpenGL, VTK may end the process that it draws in, or hang: that must not be a
 simulation, nor a rank of one. Run as a script this module draws the scene that it reads from its
-standard input, and it imports nothing of this package.
+standard input, and it imports nothing of this package: VTK 9.7 aborts beside dolfinx's libraries.
 """
+
+from __future__ import annotations
 
 import io
 import logging
@@ -14,11 +16,12 @@ import sys
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dolfinx_llm.base.arrays import Array
+if TYPE_CHECKING:
+    from dolfinx_llm.base.arrays import Array
 
 log = logging.getLogger("dolfinx_llm")
 
@@ -109,10 +112,11 @@ def _draw(scene: dict[str, Any], path: str) -> None:
         ambient=0.35,
         diffuse=0.65,
         scalar_bar_args={
-            "title": str(scene["label"]).replace("|", ""),  # which begins a column in VTK
+            # In VTK | begins a column; an empty line keeps the numbers from the title.
+            "title": str(scene["label"]).replace("|", "") + "\n ",
             "color": "black",
             "title_font_size": 32, "label_font_size": 28,
-            "position_x": 0.15, "position_y": 0.03, "width": 0.7, "height": 0.09, **bar,
+            "position_x": 0.2, "position_y": 0.03, "width": 0.65, "height": 0.12, **bar,
         },
     )  # fmt: skip
     if "body" in scene:
@@ -136,7 +140,7 @@ def _draw(scene: dict[str, Any], path: str) -> None:
                 points[at], color=colour, point_size=12.0, render_points_as_spheres=True, label=name
             )
     if "status" in scene:
-        plotter.add_legend(bcolor="gray", face="circle", size=(0.1, 0.12))
+        plotter.add_legend(bcolor="gray", face="circle", size=(0.13, 0.13))
     plotter.add_axes(color="black")
     if view is None:
         plotter.view_vector(scene["seen_from"], viewup=(0.0, 0.0, 1.0))

@@ -5,6 +5,8 @@ import itertools
 import json
 import logging
 import re
+import subprocess
+import sys
 import xml.etree.ElementTree as ElementTree
 from base64 import b64decode
 from dataclasses import replace
@@ -102,6 +104,15 @@ def test_without_pyvista(patch, tmp_path, monkeypatch, caplog):
     patch[1].plot(tmp_path, "traction")
     assert (tmp_path / "bodies.png").exists() and (tmp_path / "interface_0.png").exists()
     assert not caplog.records
+
+
+def test_process_that_draws_has_no_dolfinx():
+    """Beside its libraries VTK 9.7 aborted: all pictures were Matplotlib's, and tests skipped."""
+    text = "import runpy, sys; runpy.run_path(sys.argv[1]); print(*sys.modules)"
+    command = [sys.executable, "-P", "-c", text, render.__file__]
+    loaded = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    assert "numpy" in loaded
+    assert not {"dolfinx_llm", "dolfinx", "petsc4py", "mpi4py"} & set(loaded)
 
 
 def test_pyvista(tmp_path, monkeypatch):
