@@ -207,7 +207,7 @@ class Seen:
         points, cells, values, status = surface
         low, high = values.min(initial=0.0 if pressed else np.inf), values.max()
         if high - low < 1e-6 * max(abs(high), 1e-300):  # constant: do not paint rounding
-            low, high = low - 0.5 * abs(low) - 1e-300, high + 0.5 * abs(high) + 1e-300
+            low, high = low - 0.5 * abs(low), high + 0.5 * abs(high) + 1e-300
         told, named = f" ({values.min():.6g} to {values.max():.6g})", None
         if self.view.colour == "status":
             values, named, told = commonest(status[cells]), np.array(list(STATUS)), ""

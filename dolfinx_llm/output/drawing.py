@@ -134,10 +134,11 @@ def _draw_marks(axis: Any, x: Array, status: Array | None) -> None:
     for k, (name, colour) in enumerate(render.STATUS.items()):
         at = np.flatnonzero(status == k)
         if len(at):
-            axis.plot(*x[at].T, "o", color=colour, mec="k", markersize=3, label=name)
+            axis.plot(*x[at].T, "o", color=colour, mec="k", mew=0.5, markersize=3, label=name)
     axis.set_aspect("equal")
     if status is not None:
-        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=4, facecolor="0.85")
+        below: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "borderaxespad": 2.5}
+        axis.legend(ncol=4, facecolor="0.85", **below)  # however flat bodies are
 
 
 def _draw_skin(figure: Any, scene: Scene, colours: Array) -> None:

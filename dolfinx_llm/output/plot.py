@@ -261,6 +261,7 @@ def draw_interface(result: InterfaceForces, path: str | Path, field: str) -> Non
             continue
         axis.plot(s[at], value[at], "o", color=colour, mec="k", label=name)
     axis.set(xlabel="distance along the contact", ylabel=field)
+    axis.axhline(0.0, color="0.8", linewidth=0.8, zorder=0)  # where pressures count from
     if field == "status":
         axis.set_yticks(np.arange(len(render.STATUS)), labels=list(render.STATUS))
     axis.legend()

@@ -259,6 +259,20 @@ def test_bodies_fit_in_their_picture(size, monkeypatch):
         assert np.sum((ticks >= 0.0) & (ticks <= size[k])) <= 6.0 * max(size[k] / max(size), 0.34)
 
 
+def test_marks_are_told_below_the_numbers():
+    """Their legend lay upon the numbers of axes that are flat."""
+    from matplotlib.figure import Figure
+
+    x, cells = np.array([[0.0, 0], [6, 0], [6, 1], [0, 1]]), np.array([[0, 1, 2, 3]])
+    figure = Figure(figsize=(8, 6))
+    scene = render.Scene(x, cells, np.zeros(4), (0.0, 1.0), "", status=np.array([0, 1, 2, 3]))
+    drawing._draw_skin(figure, scene, np.ones((1, 4)))
+    figure.savefig(io.BytesIO())
+    (axis,) = figure.axes
+    lowest = min(number.get_window_extent().y0 for number in axis.get_xticklabels())
+    assert axis.get_legend().get_window_extent().y1 < lowest
+
+
 @pytest.mark.parametrize("kind", ["triangle", "hexahedron"])
 def test_second_order_on_an_obstacle(kind, tmp_path, monkeypatch):
     """Nodes between corners are of the picture: they belonged to no cell, which was an error."""
@@ -319,6 +333,8 @@ def test_surface_of_several_interfaces():
         assert len(both.cells) == len(alone.cells)
         assert both.values[both.cells].sum() == pytest.approx(alone.values[alone.cells].sum())
         assert (both.status == -1).sum() == len(none)
+    silent = replace(quiet, frame_density=0.0 * result.frame_density)
+    assert replace(seen, results=[silent]).scene().limits[0] == 0.0  # -1e-300, below a film's bar
 
 
 @pytest.mark.parametrize("kind", ["tetrahedron", "hexahedron"])
