@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.geometry.cells import cross_plane
+from dolfinx_llm.geometry.cells import cross_plane, shape_functions
 from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.location import ClosestPoints
 
 BEARING = 0.01  # of the largest pressure: a node of the frame with more is where the law has it
 AS_NEAR = 1e-9  # of a frame's extent: bodies that touch it share it alike
@@ -40,15 +41,14 @@ def closest(x: Array, cells: Array, points: Array) -> tuple[Array, Array]:
     """
     used, corners = np.unique(cells, return_inverse=True)
     corners = corners.reshape(cells.shape)
-    at = Frame(x[used], corners).locate(points)
-    N = np.maximum(at.N, 0.0)
-    return used[corners[at.cell]], N / N.sum(axis=1, keepdims=True)
+    at = ClosestPoints(x[used], corners).locate(points)
+    return used[corners[at.cell]], shape_functions(cells.shape[1], at.xi)[0]
 
 
 class InterfaceForces:
     """Forces at the nodes of a frame, or of the body against a rigid obstacle, and what follows of
-    them; ``sides`` have ``x``, where their ``force`` acts, ``drawn``, ``u``, ``normal``, ``facets``
-    between them."""
+    them; ``sides`` have ``x``, where their ``force`` acts, ``drawn``, ``u`` and ``facets`` between
+    them."""
 
     if TYPE_CHECKING:  # fields of what is derived from it
         frame: Frame | None
@@ -105,10 +105,8 @@ class InterfaceForces:
         x, places, far = self.frame_drawn, [], []
         for side in self.sides:
             nodes, N = closest(side.drawn, side.facets, x)
-            fields = side.drawn, side.u, side.normal
-            met, u, n = (np.einsum("kn,kni->ki", N, values[nodes]) for values in fields)
-            across = np.einsum("ki,ki->k", met - x, n) / np.einsum("ki,ki->k", n, n)
-            places.append(x + across[:, None] * n + scale * u)  # beyond a rim nothing is shifted
+            met, u = (np.einsum("kn,kni->ki", N, values[nodes]) for values in (side.drawn, side.u))
+            places.append(met + scale * u)
             far.append(np.linalg.norm(met - x, axis=1) + AS_NEAR * np.ptp(x, axis=0).max())
         jump = places[1] - places[0]
         part = far[0] / (far[0] + far[1])
