@@ -30,9 +30,9 @@ def moments(arm: Array, force: Array) -> Array:
     return np.cross(arm, force)
 
 
-def closest(x: Array, cells: Array, points: Array) -> tuple[Array, Array]:
-    """Nodes (k, c) of the cell of a surface that is closest to each point, and their parts (k, c)
-    in the closest point: beyond the rim that of the rim counts.
+def closest(x: Array, cells: Array, points: Array) -> tuple[Array, Array, Array]:
+    """Of the closest point of a surface to each point: nodes (k, c) of its cell, their parts in it
+    (k, c), and (k, gdim) what lies between both along the surface, beyond its rim [length].
 
     Args:
         x: (n, gdim) nodes of the surface [length].
@@ -40,9 +40,13 @@ def closest(x: Array, cells: Array, points: Array) -> tuple[Array, Array]:
         points: (k, gdim) [length].
     """
     used, corners = np.unique(cells, return_inverse=True)
-    corners = corners.reshape(cells.shape)
-    at = ClosestPoints(x[used], corners).locate(points)
-    return used[corners[at.cell]], shape_functions(cells.shape[1], at.xi)[0]
+    surface = ClosestPoints(x[used], corners.reshape(cells.shape))
+    at = surface.locate(points)
+    nodes, N = used[surface.cells[at.cell]], shape_functions(cells.shape[1], at.xi)[0]
+    (rim, n), off = surface.around(at.cell, at.xi), points - np.einsum("kn,kni->ki", N, x[nodes])
+    square = np.einsum("ki,ki->k", n, n)
+    across = np.einsum("ki,ki->k", off, n) / np.where(square > 0.0, square, 1.0)
+    return nodes, N, rim[:, None] * (off - across[:, None] * n)
 
 
 class InterfaceForces:
@@ -80,7 +84,7 @@ class InterfaceForces:
             return self.moved(1.0)
         at, pressure = self.frame_drawn + frame.v, np.abs(self.pressure)
         bears = np.minimum(1.0, pressure / (BEARING * pressure.max(initial=0.0) or 1.0))
-        if self.firm or (bears == 1.0).all():
+        if self.firm or not frame.v.any():
             return at
         between, apart = self._faced(1.0)
         off = np.linalg.norm(at - between, axis=1)
@@ -104,9 +108,9 @@ class InterfaceForces:
         that which is drawn nearer (m, gdim); how far both are apart (m,) [length]."""
         x, places, far = self.frame_drawn, [], []
         for side in self.sides:
-            nodes, N = closest(side.drawn, side.facets, x)
+            nodes, N, beside = closest(side.drawn, side.facets, x)
             met, u = (np.einsum("kn,kni->ki", N, values[nodes]) for values in (side.drawn, side.u))
-            places.append(met + scale * u)
+            places.append(met + beside + scale * u)
             far.append(np.linalg.norm(met - x, axis=1) + AS_NEAR * np.ptp(x, axis=0).max())
         jump = places[1] - places[0]
         part = far[0] / (far[0] + far[1])
@@ -158,7 +162,7 @@ class InterfaceForces:
             drawn, cells = self.frame_drawn, self.frame.corners
         accepted = f"give (k, {drawn.shape[1]}) positions"
         points = checks.array("x", x, (None, drawn.shape[1]), accepted)
-        nodes, N = closest(drawn, cells, points)
+        nodes, N, _ = closest(drawn, cells, points)
         return np.einsum("kn,kn->k", N, self.pressure[nodes])
 
     @property
