@@ -97,8 +97,12 @@ def _left_out(site: Site, pieces: Sequence[Piece], near: Sequence[Piece]) -> lis
 
 
 def _distances(side: Surface, other: Surface, facets: Array) -> Array:
-    """(k,) of some facets of a side from the other one [length]."""
-    return np.asarray(separation(side, other).distance[side.facets[facets]].mean(axis=1))
+    """(k,) of some facets of a side from the other one [length]: across, so that nodes beyond its
+    rim do not count where others of the facet lie over it."""
+    apart, nodes = separation(side, other), side.facets[facets]
+    over = apart.over[nodes]
+    over[~over.any(axis=1)] = True
+    return np.asarray((apart.distance[nodes] * over).sum(axis=1) / over.sum(axis=1))
 
 
 def _at_cut(side: Surface, facets: Array, near: Array) -> Array:
