@@ -140,7 +140,7 @@ def _build_pieces(
     """What is built of all pieces, and what is to be said of that."""
     parts, notes = list[Part](), list[str]()
     for piece in pieces:  # one frame has cells of one kind
-        corners = parts[0].frame.cells.shape[1] if parts else None
+        corners = parts[0].frame.element.corners if parts else None
         parts.append(build_piece(site, piece, notes, clock, corners))
     return parts, notes
 
