@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.geometry.cells import unit
+from dolfinx_llm.geometry.cells import connected, unit
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs, control_matrices, nodal_rows
 from dolfinx_llm.geometry.surface import Surface
@@ -36,16 +36,28 @@ def in_control_values(pairs: ContactPairs, frame: Frame | None, held: bool) -> C
     """
     if frame is not None and frame.element.order > 1:
         pairs = replace(pairs, N=(pairs.N @ frame_control(frame)).tocsr())
-    return _with_own_normals(_own_control(pairs)) if held else _own_control(pairs)
+    own = _own_control(pairs, frame)
+    return _with_own_normals(own) if held else own
 
 
-def _own_control(pairs: ContactPairs) -> ContactPairs:
+def _own_control(pairs: ContactPairs, frame: Frame | None) -> ContactPairs:
     """The same of the side alone."""
     if pairs.surface.element.order == 1:
         return pairs
     E, C = (M[pairs.nodes][:, pairs.nodes].tocsr() for M in control_matrices(pairs.surface))
+    if frame is not None and len(np.unique(pairs.nodes)) < len(pairs.nodes):
+        # Nodes with a pair in each of several parts: of one part all.
+        part = connected(frame.cells, len(frame.x))[0][pairs.cell]
+        E, C = (_within(M, part) for M in (E, C))
     loads = replace(pairs.loads, forces=E.T @ pairs.loads.forces)
     return replace(pairs, N=(C @ pairs.N).tocsr(), gap=C @ pairs.gap, loads=loads, control=E)
+
+
+def _within(M: csr_matrix, part: Array) -> csr_matrix:
+    """(n, n) entries of a matrix between rows of the same part (n,)."""
+    M = M.tocoo()
+    own = part[M.row] == part[M.col]
+    return csr_matrix((M.data[own], (M.row[own], M.col[own])), shape=M.shape)
 
 
 def _with_own_normals(pairs: ContactPairs) -> ContactPairs:
@@ -67,7 +79,8 @@ def with_control(geometries: Sequence[InterfaceGeometry]) -> list[InterfaceGeome
     found = controlled([geometry for i, geometry in enumerate(out) if i not in rest])
     while taken := {i for i in rest if _meets(out[i], found)}:
         for i in taken:  # their frames stay as they are
-            out[i] = replace(out[i], pairs=tuple(map(_own_control, out[i].pairs)))
+            own = tuple(_own_control(pairs, out[i].frame) for pairs in out[i].pairs)
+            out[i] = replace(out[i], pairs=own)
         rest -= taken
         found = controlled([geometry for i, geometry in enumerate(out) if i not in rest])
     return out
