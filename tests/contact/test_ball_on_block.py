@@ -62,7 +62,7 @@ def test_a_ball_whose_motion_is_prescribed(law):
     assert np.abs(found[0] - found[1]).max() <= 1e-8 * np.abs(found[0]).max()
 
 
-def second_order_ball():
+def second_order_ball(fine, coarse):
     """Space and facet tags of a quarter ball on a block: 3 on top of the ball, 4 below the block, 6
     at y = 0, 7 and 8 the ball's skin and the block's top."""
     gmsh.initialize()
@@ -89,7 +89,7 @@ def second_order_ball():
     field.add("Distance", 1)
     field.setNumbers(1, "PointsList", [pole])
     field.add("Threshold", 2)
-    sizes = {"InField": 1, "SizeMin": 1 / 6, "SizeMax": 0.5, "DistMin": 0.35, "DistMax": 1.2}
+    sizes = {"InField": 1, "SizeMin": fine, "SizeMax": coarse, "DistMin": 0.35, "DistMax": 1.2}
     for name, value in sizes.items():
         field.setNumber(2, name, value)
     field.setAsBackgroundMesh(2)
@@ -101,10 +101,13 @@ def second_order_ball():
 
 
 @pytest.mark.long
-def test_a_ball_of_second_order_with_friction():
+@pytest.mark.parametrize(
+    ("fine", "coarse", "most", "even"), [(1 / 6, 0.5, 25, 1e-9), (0.105, 0.36, 35, 3e-8)]
+)
+def test_a_ball_of_second_order_with_friction(fine, coarse, most, even):
     """Frame nodes far from contact, that forces of corrected rows hardly reach, drift along the
-    surface for ever: the law comes to rest."""
-    V, tags = second_order_ball()
+    surface for ever: the law comes to rest, soon. What they leave in all is ``even`` at most."""
+    V, tags = second_order_ball(fine, coarse)
     u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
     strain = ufl.sym(ufl.grad(u))
     sigma = 100 / 1.3 * (strain + 0.75 * ufl.tr(strain) * ufl.Identity(3))
@@ -123,8 +126,9 @@ def test_a_ball_of_second_order_with_friction():
             problem.solve()
             result = problem.results[0]
             forces = [s.force.sum(axis=0) for s in result.sides]
-            assert np.abs(np.add(*forces)).max() <= 1e-9 * np.abs(forces[0]).max()
+            assert np.abs(np.add(*forces)).max() <= even * np.abs(forces[0]).max()
             assert problem.history[-1]["residual"] <= 1e-9
+            assert len(problem.history) <= most
             drag = np.linalg.norm(result.frame_friction.sum(axis=0))
             assert drag <= 0.3 * result.frame_force.sum() * (1.0 + 1e-9)
     assert drag > 0.5 * 0.3 * result.frame_force.sum()

@@ -16,6 +16,7 @@ from dolfinx_llm.forms.step import SIGN, StepResult, unless_none
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
 ENOUGH = 1e-10  # of the largest force: less may be left where that falls no more, and is not felt
+ALL_BUT = 1.01  # times what the proximal term carries: nothing else is left
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 
 
@@ -35,6 +36,11 @@ class Iterate:
     def multiplier(self) -> Array:
         """(n,) λ [force]."""
         return self.result.multiplier
+
+    @property
+    def drifts(self) -> bool:
+        """Frame nodes that drift, which the proximal term alone holds, are all that is left."""
+        return self.miss <= ALL_BUT * self.drawn
 
     @property
     def w(self) -> Array:

@@ -44,6 +44,7 @@ LED = 10  # iterations in which what springs alone press together sticks
 LAST_PULL = 1e-13  # of the forces, that the proximal term may carry, however loose solves are
 PATIENT, LONG_ENOUGH = 20, 1e-9  # iterations of rest, after which this may be left, as about frame
 # nodes far from contact, which forces of corrected rows reach a millionth of
+UNTIL_DRIFT = 3  # the same where frame nodes that drift are all that is left
 MAXIMUM = 100  # iterations, and as many again once ties have been chosen
 MEETING_ENDS = 10  # iterations in which all sticks while it is found which pairs touch, at most
 FALLING = 4  # of them in which the motion of what nothing holds is looked for
@@ -201,7 +202,7 @@ class Search:
 
     def _rests(self, now: Iterate) -> bool:
         """Whether contact stays, and hardly anything is left."""
-        left = ENOUGH if self._calm <= PATIENT else LONG_ENOUGH
+        left = ENOUGH if self._calm <= (UNTIL_DRIFT if now.drifts else PATIENT) else LONG_ENOUGH
         enough = max(left, spread(self._equations, self._form.noise) / now.largest)
         settled = now.miss <= self._form.accuracy and now.drawn <= LAST_PULL
         settled |= self._stalls(now) and now.miss <= enough
