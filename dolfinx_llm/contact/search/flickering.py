@@ -26,7 +26,7 @@ TOUCHES = 1e-2  # of the interface's largest force: pairs touch that less than t
 UNTIED = 5e-2  # the same of pairs that ``ties`` left out, for which those next to them bear it
 AGAINST = 3.0  # times all forces that pass, of friction that cancels at the frame's nodes
 BEARS = 1e-6  # of the largest force: with less friction it does not matter whether a pair touches
-LED_MISS = 1e-6  # of the largest force, that nodes may miss which balance in sums: what holds them
+LED_MISS = 1e-8  # of the largest force, that nodes may miss which balance in sums: what holds them
 # by less than a hundredth goes 10,000 radii of a ball for 1e-9
 BORNE = 2e-2  # of the normal force, friction of open pairs that keep their ties
 
