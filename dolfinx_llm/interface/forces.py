@@ -82,10 +82,11 @@ class InterfaceForces:
         frame, drawn = self.frame, self.x
         if frame is None or frame.v is None or frame.v.shape != drawn.shape:
             return self.moved(1.0)
-        at, pressure = self.frame_drawn + frame.v, np.abs(self.pressure)
-        bears = np.minimum(1.0, pressure / (BEARING * pressure.max(initial=0.0) or 1.0))
+        at = self.frame_drawn + frame.v
         if self.firm or not frame.v.any():
             return at
+        pressure = np.abs(self.pressure)
+        bears = np.minimum(1.0, pressure / (BEARING * pressure.max(initial=0.0) or 1.0))
         between, apart = self._faced(1.0)
         off = np.linalg.norm(at - between, axis=1)
         most = (bears * apart).max()  # what bears lies between the bodies

@@ -95,7 +95,8 @@ def collect_results(
         states: one per interface.
     """
     motions = [operators.motion(side, u) for side in range(len(operators.pairs))]
-    gaps, results, prescribed = operators.side_gaps(), [], operators.obstacle_motions()
+    gaps, results = operators.side_gaps(), []
+    prescribed = operators.obstacle_motions()
     parts = zip(operators.geometries, operators.places, states, strict=True)
     for i, (geometry, place, state) in enumerate(parts):
         m, d, gdim = geometry.directions.shape
@@ -106,7 +107,8 @@ def collect_results(
             v = v + _tangential_average(geometry, moved)
         forces = multiplier[place.rows].reshape(-1, geometry.pairs[0].base.shape[1])
         status = state.pair_status()
-        presses = geometry.interface.law.opens and not _may_pull(geometry, state).any()
+        opens, may_pull = geometry.interface.law.opens, _may_pull(geometry, state)
+        presses = opens and not may_pull.any()
         sides, first = [], 0
         for p, motion, gap in zip(geometry.pairs, moved, gaps[place.sides], strict=True):
             own = slice(first, first + len(p.nodes))
@@ -121,7 +123,7 @@ def collect_results(
             first = own.stop
         sides = read_together(geometry, sides)
         if geometry.interface.law.components != "cartesian":
-            sides = between_bodies(geometry, sides, operators.scale, _may_pull(geometry, state))
+            sides = between_bodies(geometry, sides, operators.scale, may_pull)
         nodal, shares = with_tool_forces(geometry, sides, nodal_sides(geometry, sides))
         if geometry.site.carrier is not None:
             nodal = halved_slips(geometry, nodal)
@@ -131,8 +133,8 @@ def collect_results(
             # Rows that are left out have no other forces.
             sides = less(sides, geometry.pairs, state.at_supports * multiplier[place.rows])
         found = _interface_result(geometry, sides, nodal, v, state, shares)
-        turn, firm = geometry.rotation(w[place.frame]), not geometry.interface.law.opens
-        results.append(replace(found, rotation=turn, firm=firm))
+        rotation = geometry.rotation(w[place.frame])
+        results.append(replace(found, rotation=rotation, presses=presses, firm=not opens))
     return copied(operators.comm, results)  # their arrays are the user's
 
 
@@ -167,7 +169,6 @@ def _interface_result(
 ) -> InterfaceResult:
     """Of the sides, and of these with values at nodes; (m, n) ``shares`` of a prescribed side."""
     side, pairs, law = sides[0], geometry.pairs[0], geometry.interface.law
-    presses = law.opens and not _may_pull(geometry, state).any()
     obstacle, frame = geometry.interface.obstacle, geometry.frame
     if obstacle is not None:
         side = nodal[0]
@@ -177,9 +178,8 @@ def _interface_result(
             shift = np.array(obstacle.pose(v.shape[1])[0]) + v.sum(axis=0)
         acts = per_area(side.force, side.area) if side.density is None else side.density
         own = side.normal_force, side.area, side.tangential_force, side.status
-        return InterfaceResult(
-            None, nodal, None, *own, along_normals(acts, side.normal), presses, shift
-        )
+        acts = along_normals(acts, side.normal)
+        return InterfaceResult(None, nodal, None, *own, acts, displacement=shift)
     assert frame is not None
     if geometry.law_side is not None:
         own = at_carried_frame(geometry, sides, state, shares)
@@ -187,7 +187,7 @@ def _interface_result(
         if density is None:
             density = per_area(np.column_stack([own[0], own[2]]), own[1])
         frame = displaced(frame, nodal_values(geometry, v))
-        return InterfaceResult(frame, nodal, geometry.certificate, *own, density, presses)
+        return InterfaceResult(frame, nodal, geometry.certificate, *own, density)
     cartesian, normal = law.components == "cartesian", geometry.normals
     force, friction = _at_frame(geometry, sides, normal, geometry.law_shapes)
     area = geometry.law_nodes[1]
@@ -229,7 +229,7 @@ def _interface_result(
                 joined, wild = _overshot(frame, told, density)
                 density[wild] = per_area(joined @ acts, joined @ over)[wild]
     frame, own = displaced(frame, nodal_values(geometry, v)), (force, area, friction, status)
-    return InterfaceResult(frame, nodal, geometry.certificate, *own, density, presses)
+    return InterfaceResult(frame, nodal, geometry.certificate, *own, density)
 
 
 def _at_frame(
