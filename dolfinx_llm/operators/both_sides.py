@@ -4,11 +4,13 @@ symmetry.
 Rows there tell nothing but how supports share friction, if both sides move alike. Designed rows do
 not even say that: they reach to frame nodes beyond, and would hold these. So they are left out for
 as long as what is prescribed does not slip. With friction one for each frame node next to them
-holds it, ``pins``, as the mirrored half of the bodies would (``contact/equations/at_supports``);
-without, one of each side stays at frame nodes that hardly any other rows hold: by corrections alone
-they would drift. Where it slips all but one for each frame node are left out. So along curved
-surfaces of second order, where frame nodes on the plane would else be free along the surface, and
-thus across it where normals differ: rows at supports are not designed there.
+holds it, ``pins``, as the mirrored half of the bodies would (``contact/equations/at_supports``):
+on planes that both bodies end on, and that the surface meets squarely. Elsewhere supports of one
+body would bear what the other asks for, and rows there stay. Without friction one of each side
+stays at frame nodes that hardly any other rows hold: by corrections alone they would drift. Where
+it slips all but one for each frame node are left out. So along curved surfaces of second order,
+where frame nodes on the plane would else be free along the surface, and thus across it where
+normals differ: rows at supports are not designed there.
 """
 
 from __future__ import annotations
@@ -30,6 +32,10 @@ ALL = 0.9  # part of what surrounds a place that counts as all of it: rims may l
 MOSTLY = 0.5  # row's part in a frame node from which on its node is next to it
 COINCIDES = 0.999  # the same of a node that is the frame node's own
 HELD_BY_OTHERS = 0.1  # sum of N² of pairs that supports leave free, which hold a frame node
+SQUARELY = (
+    2e-3  # part of a row along free dofs: planes of coarse round surfaces lean by up to 1.3e-3
+)
+SAME_PLANE = 1e-6  # of a surface's extent: so far apart supports of both sides may lie, across
 HELD_STILL = 1e-9  # slip over the largest prescribed motion that is none
 
 
@@ -38,9 +44,9 @@ def prescribed_on_both_sides(
     across: Sequence[csr_matrix],
     fixed: Sequence[Array],
     soft: Array,
-) -> Array:
+) -> tuple[Array, Array]:
     """(n, c) rows of an interface whose motion supports prescribe at their own nodes, and at the
-    place on the other side as well.
+    place on the other side as well; and which of them do so across a plane common to both.
 
     Args:
         geometry: two sides and a frame.
@@ -48,13 +54,18 @@ def prescribed_on_both_sides(
         fixed: per side (n_i, gdim) 1.0: prescribed dofs.
         soft: (n c,) rows that supports prescribe at their own nodes.
     """
-    parts: list[Array] = []
-    for pairs, N, known in zip(geometry.pairs, across, fixed[::-1], strict=True):
-        n, c, gdim = pairs.base.shape
-        free = pairs.base * (N @ known < ALL)[:, None]
+    parts, alike = list[Array](), list[Array]()
+    for k, (pairs, N) in enumerate(zip(geometry.pairs, across, strict=True)):
+        (n, c, gdim), other, known = pairs.base.shape, geometry.pairs[1 - k], fixed[1 - k]
+        part = N @ known
+        free = pairs.base * (part < ALL)[:, None]
         parts.append(free_parts(free.reshape(-1, gdim), c).reshape(n, c) < NEARLY_FIXED)
+        away = np.einsum("nci,ni->nc", pairs.base, N @ (known * other.x) - part * pairs.x)
+        leans = np.linalg.norm(pairs.base * (1.0 - fixed[k])[:, None], axis=2)
+        alike.append((np.abs(away) <= SAME_PLANE * other.surface.diameter) & (leans <= SQUARELY))
     found = np.concatenate(parts)
-    return np.asarray(soft.reshape(found.shape) & found)
+    found &= soft.reshape(found.shape)
+    return found, found & np.concatenate(alike)
 
 
 def held_on_both_sides(
@@ -82,7 +93,9 @@ def held_on_both_sides(
             continue
         first, second = geometry.pairs
         across = second.interpolation(first.x), first.interpolation(second.x)
-        held = prescribed_on_both_sides(geometry, across, fixed[place.sides], own)
+        held, alike = prescribed_on_both_sides(geometry, across, fixed[place.sides], own)
+        if geometry.interface.law.shares and not geometry.bent and geometry.site.carrier is None:
+            held = alike
         rows[place.rows] = held.ravel()
         if held[:, :-1].any():
             out.append(BothSides.of(geometry, place, across, held, own.reshape(held.shape)))

@@ -4,8 +4,9 @@ Of the whole of a symmetric scene frame nodes stay on the plane: what pairs of o
 across it, those of the other half take. Of a half, rows on the plane are left out; frame nodes that
 balanced what pairs ask moved across it, by hundreds of times as far as the bodies where contact had
 parted at others that held them, and friction was off by up to 0.02 of the largest force. One of the
-rows left out (``operators/both_sides``) holds each frame node there, by a spring; supports bear
-what it carries. It does not see jumps, and is no friction; friction across the plane that pairs of
+rows left out (``operators/both_sides``) holds each frame node there, by a spring, along dofs that
+supports prescribe: these bear what it carries, also where the mean plane of coarse round surfaces
+leans by 1e-3. It does not see jumps, and is no friction; friction across the plane that pairs of
 the half itself ask for counts as such at nodes on it.
 """
 
@@ -36,12 +37,22 @@ def at_supports(nodes: FrictionNodes) -> tuple[Array, Array]:
     return np.asarray(near.T @ pins.astype(float)).ravel() > 0.0, pins.ravel()
 
 
+def seen(nodes: FrictionNodes, rows: Array) -> csr_matrix:
+    """(n c, m d) L as supports see the frame, by such rows (n c,) if there are any.
+
+    Args:
+        nodes: of an interface.
+        rows: (n c,) which rows.
+    """
+    return nodes.L_across if rows.any() else nodes.L
+
+
 def holding(rows: Array, forces: csr_matrix, scale: float) -> csr_matrix:
     """(n_v, n) what such rows are to the frames, by their gaps [force / length].
 
     Args:
         rows: (n,) which rows.
-        forces: (n_v, n) what forces of rows are to the frames.
+        forces: (n_v, n) what their forces along prescribed dofs are to the frames.
         scale: stiffness of the surfaces [force / length].
     """
     return -PINNED * scale * forces @ diagonal(rows.astype(float))

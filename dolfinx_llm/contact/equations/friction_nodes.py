@@ -96,6 +96,14 @@ class FrictionNodes:
         return self.geometry.carries
 
     @cached_property
+    def L_across(self) -> csr_matrix:
+        """(n c, m d) L of the rows' parts along dofs that supports prescribe: what they bear."""
+        of, free = self.geometry, self.operators.free[self.rows]
+        each = zip(of.pairs, np.split(free, [len(of.pairs[0].nodes)]), strict=True)
+        sides = [replace(pairs, base=pairs.base - part) for pairs, part in each]
+        return interface_operator(sides, of.directions, of.normals_alone)
+
+    @cached_property
     def frame_support(self) -> Array:
         """(m,) how firmly all pairs hold the motion of the frame's nodes: sums of N²."""
         return np.sum([p.N.power(2).sum(axis=0).A1 for p in self.geometry.pairs], axis=0)

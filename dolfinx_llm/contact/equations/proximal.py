@@ -13,8 +13,8 @@ import numpy as np
 from scipy.sparse import block_diag, coo_matrix, csr_matrix
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import picking
-from dolfinx_llm.contact.equations.at_supports import holding
+from dolfinx_llm.base.sparse import beside, picking
+from dolfinx_llm.contact.equations.at_supports import holding, seen
 from dolfinx_llm.contact.equations.state import InterfaceState
 
 
@@ -133,8 +133,9 @@ class FrameRows:
         slips = [SlipRows.of(s, n, P) for s in self._states]
         forces = gather @ self._L_t
         at_supports = np.concatenate([s.at_supports for s in self._states])
-        pull = holding(at_supports, forces, self._scale)
-        holds = pull @ self._L_t.T
+        held = beside([seen(s.nodes, s.at_supports) for s in self._states])
+        pull = holding(at_supports, gather @ held.T, self._scale)
+        holds = pull @ held
         holds.resize(own.shape)
         D = own + self._scale * relative + holds
         rows = self._rows = Rows(own, forces, D, gather, pull, slips)

@@ -161,7 +161,8 @@ def _rough(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
                 f"interface {geometry.interface.name}: friction at the nodes of "
                 f"{pairs.surface.name} is {rub / of_law:.1f} times that of {there}, where the law "
                 "holds, and cancels but for that: a side that slips keeps the shape of the coarser "
-                "one along the surface. Use cells of about the same size where bodies touch"
+                "one along the surface. Use cells of about the same size where bodies touch, finer "
+                "ones where they are"
             )
     return out
 

@@ -20,6 +20,7 @@ from dolfinx_llm.contact.results.carried_frame import (
 from dolfinx_llm.contact.results.sides import (
     FELT,
     SideResult,
+    at_supports,
     between_bodies,
     known_slips,
     less,
@@ -110,7 +111,8 @@ def collect_results(
         opens, may_pull = geometry.interface.law.opens, _may_pull(geometry, state)
         presses = opens and not may_pull.any()
         sides, first = [], 0
-        for p, motion, gap in zip(geometry.pairs, moved, gaps[place.sides], strict=True):
+        pairs = at_supports(geometry.pairs, operators.free[place.rows], state.at_supports)
+        for p, motion, gap in zip(pairs, moved, gaps[place.sides], strict=True):
             own = slice(first, first + len(p.nodes))
             follows = p.N @ v + prescribed[i]
             if geometry.swings is not None:
@@ -129,9 +131,7 @@ def collect_results(
             nodal = halved_slips(geometry, nodal)
         if geometry.interface.law.slips:
             nodal = known_slips(geometry, nodal, operators.idle[place.rows])
-        if state.at_supports.any():
-            # Rows that are left out have no other forces.
-            sides = less(sides, geometry.pairs, state.at_supports * multiplier[place.rows])
+        sides = less(sides, pairs, state.at_supports * multiplier[place.rows])
         found = _interface_result(geometry, sides, nodal, v, state, shares)
         rotation = geometry.rotation(w[place.frame])
         results.append(replace(found, rotation=rotation, presses=presses, firm=not opens))

@@ -106,10 +106,27 @@ def read_together(geometry: InterfaceGeometry, sides: list[SideResult]) -> list[
     return [replace(side, density=value) for side, value in zip(sides, told, strict=True)]
 
 
+def at_supports(pairs: Sequence[ContactPairs], free: Array, held: Array) -> Sequence[ContactPairs]:
+    """The pairs, whose rows (n c,) by which supports hold frames act along prescribed dofs alone.
+
+    Args:
+        pairs: of both sides.
+        free: (n c, gdim) base vectors of their rows at free dofs.
+        held: (n c,) such rows.
+    """
+    if not held.any():
+        return pairs
+    part = (held[:, None] * free).reshape(-1, *pairs[0].base.shape[1:])
+    each = zip(pairs, np.split(part, [len(pairs[0].nodes)]), strict=True)
+    return [replace(p, base=p.base - own) for p, own in each]
+
+
 def less(
     sides: Sequence[SideResult], pairs: Sequence[ContactPairs], forces: Array
 ) -> list[SideResult]:
-    """The sides without some forces (n c,) of their rows."""
+    """The sides without some forces (n c,) of their rows, if there are any."""
+    if not forces.any():
+        return list(sides)
     each = np.split(forces.reshape(-1, pairs[0].base.shape[1]), [len(pairs[0].nodes)])
     return [
         replace(s, force=s.force - np.einsum("nc,nci->ni", own, p.base))

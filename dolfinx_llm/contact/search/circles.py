@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-CIRCLE = (2, 3)  # iterations in one
+CIRCLE = range(2, 7)  # iterations in one
 ALIKE_AGAIN = 1e-3  # relative difference of residuals that are the same
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.contact.equations.equations import Equations
+from dolfinx_llm.contact.equations.equations import Equations, on_frames
 from dolfinx_llm.contact.equations.state import BY_TURNS, GONE, InterfaceState
 from dolfinx_llm.contact.search.blind import require_sight
 from dolfinx_llm.laws.rows import SLIP, STICK
@@ -51,7 +51,7 @@ def release(equations: Equations, multiplier: Array, w: Array) -> bool:
         equations: of the laws.
         multiplier, w: λ (n,) [force] and w (m,) [length].
     """
-    forces = equations.L_t @ equations.with_supports(multiplier, w)
+    forces = on_frames(equations, multiplier, w)
     missed = np.abs(forces - equations.loads) > LED_MISS * np.abs(multiplier).max(initial=0.0)
     return any([_balance_alone(s, missed[s.nodes.v]) for s in equations.states])
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import chosen
-from dolfinx_llm.contact.equations.equations import Equations
+from dolfinx_llm.contact.equations.equations import Equations, on_frames
 from dolfinx_llm.contact.search.iterate import Iterate
 from dolfinx_llm.forms.exchange import forecast_of, row_stiffness, with_bodies
 from dolfinx_llm.forms.step import SOFT, LinearStep
@@ -50,7 +50,7 @@ def let_go(equations: Equations, step: LinearStep, share: float, now: Iterate, f
         forecast, at = forecast.normal()
         if (at >= equations.n_v).any():  # jumps that a law gives way by
             return now.w
-        left = equations.L_t @ equations.with_supports(now.multiplier, now.w) - equations.loads
+        left = on_frames(equations, now.multiplier, now.w) - equations.loads
         target = forecast.borne(now.multiplier) - left[at]
     settled = partial(forecast.settled, now.multiplier, now.position, target)
     pressing, found = chosen(operators.comm, settled)
