@@ -119,6 +119,11 @@ def test_friction_across_planes_of_symmetry():
             assert (friction - 0.2 * result.frame_force).max() <= 1e-6 * most_pressed
             push = sum(s.force.sum(axis=0) for s in result.sides)
             assert np.abs(push).max() <= 1e-8 * result.sides[0].force.sum(axis=0)[2]
+            whole = np.concatenate([u.x.array for u in problem.u])
+            R, first = problem.bulk.force(whole).reshape(-1, 3), len(problem.u[0].x.array) // 3
+            pairs = problem.geometries[0].pairs  # in K u - f: the mean plane leans by 3e-5
+            presses = [R[k * first + p.dofs, 2].sum() for k, p in enumerate(pairs)]
+            assert abs(sum(presses)) <= 1e-8 * presses[0]
             sides = np.concatenate([s.normal_force for s in result.sides])
             forces.setdefault(down, []).append(sides)
         problem.destroy()
