@@ -133,8 +133,11 @@ class FrameRows:
         slips = [SlipRows.of(s, n, P) for s in self._states]
         forces = gather @ self._L_t
         at_supports = np.concatenate([s.at_supports for s in self._states])
-        held = beside([seen(s.nodes, s.at_supports) for s in self._states])
-        pull = holding(at_supports, gather @ held.T, self._scale)
+        held, on_held = self._L_t.T, forces
+        if at_supports.any():
+            held = beside([seen(s.nodes, s.at_supports) for s in self._states])
+            on_held = gather @ held.T
+        pull = holding(at_supports, on_held, self._scale)
         holds = pull @ held
         holds.resize(own.shape)
         D = own + self._scale * relative + holds

@@ -20,7 +20,7 @@ from dolfinx_llm.contact.results.carried_frame import (
 from dolfinx_llm.contact.results.sides import (
     FELT,
     SideResult,
-    at_supports,
+    along_supports,
     between_bodies,
     known_slips,
     less,
@@ -111,7 +111,7 @@ def collect_results(
         opens, may_pull = geometry.interface.law.opens, _may_pull(geometry, state)
         presses = opens and not may_pull.any()
         sides, first = [], 0
-        pairs = at_supports(geometry.pairs, operators.free[place.rows], state.at_supports)
+        pairs = along_supports(geometry.pairs, operators.free[place.rows], state.at_supports)
         for p, motion, gap in zip(pairs, moved, gaps[place.sides], strict=True):
             own = slice(first, first + len(p.nodes))
             follows = p.N @ v + prescribed[i]

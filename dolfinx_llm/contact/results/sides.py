@@ -106,7 +106,9 @@ def read_together(geometry: InterfaceGeometry, sides: list[SideResult]) -> list[
     return [replace(side, density=value) for side, value in zip(sides, told, strict=True)]
 
 
-def at_supports(pairs: Sequence[ContactPairs], free: Array, held: Array) -> Sequence[ContactPairs]:
+def along_supports(
+    pairs: Sequence[ContactPairs], free: Array, held: Array
+) -> Sequence[ContactPairs]:
     """The pairs, whose rows (n c,) by which supports hold frames act along prescribed dofs alone.
 
     Args:
