@@ -39,6 +39,12 @@ SAME_PLANE = 1e-6  # of a surface's extent: so far apart supports of both sides 
 HELD_STILL = 1e-9  # slip over the largest prescribed motion that is none
 
 
+def leaning(free: Array) -> Array:
+    """(n, gdim) base vectors of rows at free dofs, where these are so small that what supports bear
+    by the rows acts along prescribed dofs alone; else 0."""
+    return np.where(np.linalg.norm(free, axis=1) <= SQUARELY, 1.0, 0.0)[:, None] * free
+
+
 def prescribed_on_both_sides(
     geometry: InterfaceGeometry,
     across: Sequence[csr_matrix],
@@ -65,7 +71,8 @@ def prescribed_on_both_sides(
         alike.append((np.abs(away) <= SAME_PLANE * other.surface.diameter) & (leans <= SQUARELY))
     found = np.concatenate(parts)
     found &= soft.reshape(found.shape)
-    return found, found & np.concatenate(alike)
+    # Where all motion along the surface is prescribed no row tells more than another.
+    return found, found & (np.concatenate(alike) | found.all(axis=0))
 
 
 def held_on_both_sides(

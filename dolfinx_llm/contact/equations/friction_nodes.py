@@ -30,6 +30,7 @@ from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import OPEN, at_positions
 from dolfinx_llm.operators.assemble import interface_operator
+from dolfinx_llm.operators.both_sides import leaning
 from dolfinx_llm.operators.numbering import Place
 from dolfinx_llm.operators.stiffness import in_series
 from dolfinx_llm.operators.system import ContactOperators
@@ -98,7 +99,8 @@ class FrictionNodes:
     @cached_property
     def L_across(self) -> csr_matrix:
         """(n c, m d) L of the rows' parts along dofs that supports prescribe: what they bear."""
-        of, free = self.geometry, self.operators.free[self.rows]
+        of, free = self.geometry, leaning(self.operators.free[self.rows.ravel()])
+        free = free.reshape(*self.rows.shape, -1)
         each = zip(of.pairs, np.split(free, [len(of.pairs[0].nodes)]), strict=True)
         sides = [replace(pairs, base=pairs.base - part) for pairs, part in each]
         return interface_operator(sides, of.directions, of.normals_alone)

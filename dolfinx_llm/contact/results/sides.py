@@ -13,6 +13,7 @@ from dolfinx_llm.interface.control import at_nodes
 from dolfinx_llm.interface.density import density_at_nodes, with_coarser
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import CLOSED, OPEN
+from dolfinx_llm.operators.both_sides import leaning
 
 FELT = 1e-9  # part of the largest force or motion, below which there is none
 FARTHER = 2.0  # times the most that bodies move along each other: no slip is beyond
@@ -118,7 +119,7 @@ def along_supports(
     """
     if not held.any():
         return pairs
-    part = (held[:, None] * free).reshape(-1, *pairs[0].base.shape[1:])
+    part = (held[:, None] * leaning(free)).reshape(-1, *pairs[0].base.shape[1:])
     each = zip(pairs, np.split(part, [len(pairs[0].nodes)]), strict=True)
     return [replace(p, base=p.base - own) for p, own in each]
 
