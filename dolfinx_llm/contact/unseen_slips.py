@@ -16,7 +16,6 @@ from scipy.sparse import hstack, identity
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.sparse import symmetric_factors
-from dolfinx_llm.contact.equations.at_supports import seen
 from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.laws.rows import SLIP
 
@@ -47,7 +46,7 @@ def of_the_bodies(
         gives_in = np.repeat(_gives_in(s, multiplier, w, c), nodes.kappa.shape[1])
         at = np.concatenate([nodes.v, nodes.kappa.ravel()[gives_in]])
         L = hstack([nodes.L, nodes.L_kappa[:, gives_in]], format="csr")[closed]
-        holds = seen(nodes, s.at_supports)[s.at_supports]  # of the frame alone
+        holds = nodes.seen_by(s.at_supports)[s.at_supports]  # of the frame alone
         holds.resize(holds.shape[0], len(at))
         squares = L.T @ L + holds.T @ holds
         least = UNSEEN * (squares.diagonal().max(initial=0.0) or 1.0)

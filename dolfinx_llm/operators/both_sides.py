@@ -16,13 +16,14 @@ normals differ: rows at supports are not designed there.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, nearest
+from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.frictionless import FreeSlip
 from dolfinx_llm.operators.numbering import BodyDofs, Place
@@ -32,17 +33,30 @@ ALL = 0.9  # part of what surrounds a place that counts as all of it: rims may l
 MOSTLY = 0.5  # row's part in a frame node from which on its node is next to it
 COINCIDES = 0.999  # the same of a node that is the frame node's own
 HELD_BY_OTHERS = 0.1  # sum of N² of pairs that supports leave free, which hold a frame node
-SQUARELY = (
-    2e-3  # part of a row along free dofs: planes of coarse round surfaces lean by up to 1.3e-3
-)
+SQUARELY = 2e-3  # part of a row along free dofs: planes of coarse round surfaces lean by 1.3e-3
 SAME_PLANE = 1e-6  # of a surface's extent: so far apart supports of both sides may lie, across
 HELD_STILL = 1e-9  # slip over the largest prescribed motion that is none
 
 
-def leaning(free: Array) -> Array:
-    """(n, gdim) base vectors of rows at free dofs, where these are so small that what supports bear
-    by the rows acts along prescribed dofs alone; else 0."""
-    return np.where(np.linalg.norm(free, axis=1) <= SQUARELY, 1.0, 0.0)[:, None] * free
+def along_supports(pairs: Sequence[ContactPairs], free: Array, held: Array) -> list[ContactPairs]:
+    """The pairs of both sides, whose rows by which supports hold frames act along prescribed dofs
+    alone, if they nearly do.
+
+    Args:
+        pairs: of an interface.
+        free: (n c, gdim) base vectors of its rows at free dofs.
+        held: (n c,) which rows hold frames; where none does the pairs stay as they are.
+    """
+    if not held.any():
+        return list(pairs)
+    part = np.where((held & _squarely(free))[:, None], free, 0.0)
+    each = np.split(part.reshape(-1, *pairs[0].base.shape[1:]), [len(pairs[0].nodes)])
+    return [replace(p, base=p.base - own) for p, own in zip(pairs, each, strict=True)]
+
+
+def _squarely(free: Array) -> Array:
+    """Whether base vectors (..., gdim) at free dofs are next to none."""
+    return np.asarray(np.linalg.norm(free, axis=-1) <= SQUARELY)
 
 
 def prescribed_on_both_sides(
@@ -67,8 +81,8 @@ def prescribed_on_both_sides(
         free = pairs.base * (part < ALL)[:, None]
         parts.append(free_parts(free.reshape(-1, gdim), c).reshape(n, c) < NEARLY_FIXED)
         away = np.einsum("nci,ni->nc", pairs.base, N @ (known * other.x) - part * pairs.x)
-        leans = np.linalg.norm(pairs.base * (1.0 - fixed[k])[:, None], axis=2)
-        alike.append((np.abs(away) <= SAME_PLANE * other.surface.diameter) & (leans <= SQUARELY))
+        in_plane = np.abs(away) <= SAME_PLANE * other.surface.diameter
+        alike.append(in_plane & _squarely(pairs.base * (1.0 - fixed[k])[:, None]))
     found = np.concatenate(parts)
     found &= soft.reshape(found.shape)
     # Where all motion along the surface is prescribed no row tells more than another.

@@ -37,16 +37,6 @@ def at_supports(nodes: FrictionNodes) -> tuple[Array, Array]:
     return np.asarray(near.T @ pins.astype(float)).ravel() > 0.0, pins.ravel()
 
 
-def seen(nodes: FrictionNodes, rows: Array) -> csr_matrix:
-    """(n c, m d) L as supports see the frame, by such rows (n c,) if there are any.
-
-    Args:
-        nodes: of an interface.
-        rows: (n c,) which rows.
-    """
-    return nodes.L_across if rows.any() else nodes.L
-
-
 def holding(rows: Array, forces: csr_matrix, scale: float) -> csr_matrix:
     """(n_v, n) what such rows are to the frames, by their gaps [force / length].
 

@@ -19,7 +19,7 @@ from scipy.sparse import vstack as stack
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.sparse import below, beside, diagonal, per_item, picking, symmetric_factors
-from dolfinx_llm.contact.equations.at_supports import borne, seen
+from dolfinx_llm.contact.equations.at_supports import borne
 from dolfinx_llm.contact.equations.clamped import HeldRows
 from dolfinx_llm.contact.equations.friction_nodes import friction_nodes
 from dolfinx_llm.contact.equations.prescribed_slip import rows_of, told
@@ -218,7 +218,7 @@ class Equations:
         rows = np.concatenate([s.at_supports for s in self.states])
         if not rows.any():
             return multiplier
-        opening = _seen(self) @ w[: self.n_v] - self.g
+        opening = self.frames.rows().seen @ w[: self.n_v] - self.g
         return multiplier + borne(rows, opening, self.scale)
 
     def imbalance(self, multiplier: Array, w: Array) -> float:
@@ -238,12 +238,9 @@ def on_frames(equations: Equations, multiplier: Array, w: Array) -> Array:
         multiplier, w: λ (n,) [force] and w (m,) [length].
     """
     forces, told = equations.L_t @ multiplier, equations.with_supports(multiplier, w)
-    return forces if told is multiplier else forces + _seen(equations).T @ (told - multiplier)
-
-
-def _seen(equations: Equations) -> csr_matrix:
-    """(n, n_v) frames as supports see them."""
-    return beside([seen(s.nodes, s.at_supports) for s in equations.states])
+    if told is multiplier:
+        return forces
+    return forces + equations.frames.rows().seen.T @ (told - multiplier)
 
 
 def runaway(equations: Equations, multiplier: Array) -> str:

@@ -30,7 +30,7 @@ from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import OPEN, at_positions
 from dolfinx_llm.operators.assemble import interface_operator
-from dolfinx_llm.operators.both_sides import leaning
+from dolfinx_llm.operators.both_sides import along_supports
 from dolfinx_llm.operators.numbering import Place
 from dolfinx_llm.operators.stiffness import in_series
 from dolfinx_llm.operators.system import ContactOperators
@@ -96,13 +96,15 @@ class FrictionNodes:
         """(n,) pairs of the side that carries the frame, if there is one."""
         return self.geometry.carries
 
+    def seen_by(self, held: Array) -> csr_matrix:
+        """(n c, m d) L as supports see the frame, by rows (n c,) that they hold it by, if any."""
+        return self._L_across if held.any() else self.L
+
     @cached_property
-    def L_across(self) -> csr_matrix:
+    def _L_across(self) -> csr_matrix:
         """(n c, m d) L of the rows' parts along dofs that supports prescribe: what they bear."""
-        of, free = self.geometry, leaning(self.operators.free[self.rows.ravel()])
-        free = free.reshape(*self.rows.shape, -1)
-        each = zip(of.pairs, np.split(free, [len(of.pairs[0].nodes)]), strict=True)
-        sides = [replace(pairs, base=pairs.base - part) for pairs, part in each]
+        of, rows = self.geometry, self.rows.ravel()
+        sides = along_supports(of.pairs, self.operators.free[rows], np.ones(len(rows), dtype=bool))
         return interface_operator(sides, of.directions, of.normals_alone)
 
     @cached_property

@@ -14,7 +14,7 @@ from scipy.sparse import block_diag, coo_matrix, csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import beside, picking
-from dolfinx_llm.contact.equations.at_supports import holding, seen
+from dolfinx_llm.contact.equations.at_supports import holding
 from dolfinx_llm.contact.equations.state import InterfaceState
 
 
@@ -90,6 +90,7 @@ class Rows:
     E: csr_matrix  # (n_v, n)
     D: csr_matrix  # (n_v, m)
     gather: csr_matrix  # (n_v, n_v) forces at the frame's nodes, summed up where these balance
+    seen: csr_matrix  # (n, n_v) L of the frames as supports see them
     pull: csr_matrix  # (n_v, n) of rows at supports that hold frames, by their gaps
     slips: list[SlipRows]  # per interface
 
@@ -133,15 +134,15 @@ class FrameRows:
         slips = [SlipRows.of(s, n, P) for s in self._states]
         forces = gather @ self._L_t
         at_supports = np.concatenate([s.at_supports for s in self._states])
-        held, on_held = self._L_t.T, forces
+        seen, on_seen = self._L_t.T, forces
         if at_supports.any():
-            held = beside([seen(s.nodes, s.at_supports) for s in self._states])
-            on_held = gather @ held.T
-        pull = holding(at_supports, on_held, self._scale)
-        holds = pull @ held
+            seen = beside([s.nodes.seen_by(s.at_supports) for s in self._states])
+            on_seen = gather @ seen.T
+        pull = holding(at_supports, on_seen, self._scale)
+        holds = pull @ seen
         holds.resize(own.shape)
         D = own + self._scale * relative + holds
-        rows = self._rows = Rows(own, forces, D, gather, pull, slips)
+        rows = self._rows = Rows(own, forces, D, gather, seen, pull, slips)
         self._of = of
         return rows
 

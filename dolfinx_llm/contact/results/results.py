@@ -20,7 +20,6 @@ from dolfinx_llm.contact.results.carried_frame import (
 from dolfinx_llm.contact.results.sides import (
     FELT,
     SideResult,
-    along_supports,
     between_bodies,
     known_slips,
     less,
@@ -38,6 +37,7 @@ from dolfinx_llm.interface.forces import InterfaceForces, per_area
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.join import Certificate
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
+from dolfinx_llm.operators.both_sides import along_supports
 from dolfinx_llm.operators.system import ContactOperators
 
 THIN = 1e-6  # of a surface's extent: what is as thin has no slopes across it

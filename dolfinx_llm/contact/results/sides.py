@@ -13,7 +13,6 @@ from dolfinx_llm.interface.control import at_nodes
 from dolfinx_llm.interface.density import density_at_nodes, with_coarser
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import CLOSED, OPEN
-from dolfinx_llm.operators.both_sides import leaning
 
 FELT = 1e-9  # part of the largest force or motion, below which there is none
 FARTHER = 2.0  # times the most that bodies move along each other: no slip is beyond
@@ -105,23 +104,6 @@ def read_together(geometry: InterfaceGeometry, sides: list[SideResult]) -> list[
         return sides
     told = with_coarser(geometry.pairs, [s.force for s in sides], [s.density for s in sides])
     return [replace(side, density=value) for side, value in zip(sides, told, strict=True)]
-
-
-def along_supports(
-    pairs: Sequence[ContactPairs], free: Array, held: Array
-) -> Sequence[ContactPairs]:
-    """The pairs, whose rows (n c,) by which supports hold frames act along prescribed dofs alone.
-
-    Args:
-        pairs: of both sides.
-        free: (n c, gdim) base vectors of their rows at free dofs.
-        held: (n c,) such rows.
-    """
-    if not held.any():
-        return pairs
-    part = (held[:, None] * leaning(free)).reshape(-1, *pairs[0].base.shape[1:])
-    each = zip(pairs, np.split(part, [len(pairs[0].nodes)]), strict=True)
-    return [replace(p, base=p.base - own) for p, own in each]
 
 
 def less(
