@@ -23,6 +23,7 @@ from dolfinx_llm.design.stencils import RowStencils, spread, sums
 BALANCING = 0.25  # correction of an entry of L_b
 DAMPING = 1e-4  # k, of the largest trace of a node's block
 DAMPING_ITERATED = 1e-3  # the same where the equations are iterated
+CORRIGIBLE = 1e-12  # trace of a node's block up to which no row there can be corrected
 TRIALS, POWER = 4, 2.0  # of weighing rows with larger ones less; by which power of the excess
 ROUNDS, WON = 10, 0.9  # of refinement against damping and limits; what each must leave at most
 ROUNDS_ITERATED = 2  # the same where the equations are iterated: later ones win little
@@ -156,7 +157,7 @@ class _Rows:
         diagonal, S, n = self.terms()
         # The trace of a node's block knows no axes.
         trace = np.einsum("mii->m", diagonal) - np.bincount(S.indices, S.data**2, m)
-        largest = max(float(trace.max()), 1e-300)
+        largest = max(float(trace.max()), CORRIGIBLE)
         if self.iterated:
             shift, transposed = DAMPING_ITERATED * largest * self.weight, S.T.tocsr()
             shifted = diagonal + shift[:, None, None] * np.eye(gdim)
