@@ -150,8 +150,10 @@ def _judged(iteration: ContactIteration, found: StepResult, f: Array, g: Array) 
     iteration.rounded = SEVERAL * EPS * max(terms, size(multiplier))
     iteration.rounding = max(before, iteration.rounded)
     follows = equations.L @ found.w + equations.compliance * multiplier
-    # Of rows in contact: where it is open gaps of any size carry no force.
-    y, follows, g = (found.active * a for a in (found.y, follows, g))
+    # Of rows in contact, before and after the last step: where it is open, or opens without a
+    # force, gaps of any size carry none.
+    closed = found.active & equations.closed_rows()
+    y, follows, g = (closed * a for a in (found.y, follows, g))
     apart, *motions = (operators.scale * size(a) for a in (y - follows + g, y, follows, g))
     left = max(left, beyond(apart, max(motions)))
     unheld = equations.imbalance(multiplier, found.w)

@@ -115,6 +115,12 @@ def solve(scene, variant=None, watch=None, **kwargs):
     return answers
 
 
+def drawn_apart(scene, contact):
+    """Whether there is a gap between two bodies as drawn."""
+    low, high = (scene.bodies[face[0]] for face in (contact.first, contact.second))
+    return abs(high.low - low.low - low.height) > 1e-12
+
+
 def check(scene, variant=None):
     """Nothing, and per step what is violated, {name: relative size}."""
     flight, found = Flight.of(scene, variant), []
@@ -133,13 +139,15 @@ def check(scene, variant=None):
     energy, momenta = told()
     first, size = energy, np.abs(M @ flight.values("v")).sum()
     flies = scene.base == "free" and not any(isinstance(c.second[0], str) for c in scene.contacts)
-    rubs = any(getattr(c.law, "mu", 0.0) for c in scene.contacts)
+    rubbing = [c for c in scene.contacts if getattr(c.law, "mu", 0.0)]
+    rubs, apart = bool(rubbing), any(drawn_apart(scene, c) for c in rubbing)
     for _ in scene.steps:
         stepper.step()
         before, (energy, now) = energy, told()
         worst = {"(energy with friction)" if rubs else "energy": (energy - before) / first}
         if flies:
-            worst["momenta"] = np.abs(now - momenta).max() / size
+            # Friction across a gap that was drawn has a moment in small deformation.
+            worst["momenta"] = np.abs(now - momenta)[: 1 if apart else None].max() / size
         for contact, result in zip(scene.contacts, stepper.problem.results, strict=True):
             if contact.law.opens:
                 worst["overlap"] = max(-s.frame_gap.min() / posed.length for s in result.sides)

@@ -114,7 +114,7 @@ def lets_go(states: list[InterfaceState], multiplier: Array, gaps: Array, felt: 
         felt: force that is more than rounding [force].
     """
     parted = [_open(s, multiplier, felt) | _part(s, multiplier, gaps, felt) for s in states]
-    pulled = [_share_pulls(s, multiplier, felt) for s in states if s.second and s.nodes.kappa.size]
+    pulled = [_share_pulls(s, multiplier, felt) for s in states if s.shares and s.nodes.kappa.size]
     return any(parted + pulled)
 
 
