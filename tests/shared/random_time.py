@@ -140,7 +140,7 @@ def check(scene, variant=None):
     first, size = energy, np.abs(M @ flight.values("v")).sum()
     flies = scene.base == "free" and not any(isinstance(c.second[0], str) for c in scene.contacts)
     rubbing = [c for c in scene.contacts if getattr(c.law, "mu", 0.0)]
-    rubs, apart = bool(rubbing), any(drawn_apart(scene, c) for c in rubbing)
+    rubs, apart = bool(rubbing), flies and any(drawn_apart(scene, c) for c in rubbing)
     for _ in scene.steps:
         stepper.step()
         before, (energy, now) = energy, told()
