@@ -18,6 +18,7 @@ from dolfinx_llm.forms.options import NoOption
 NO_MOTION = 1e-12  # of a cell: motion in an iteration that is none
 WAITS_STILL = 2  # iterations without any, after which there will be none
 LEFT_OVER = 1e-6  # relative residual that is not rounding
+COMES_BACK = 1e-3  # relative difference of residuals that are the same
 AS_FAR = 10.0  # times as far as bodies are large and driven, by which none comes that is held
 FLIES = 1e6  # cells, by which no body moves in an iteration that something holds
 
@@ -123,6 +124,16 @@ class Going:
     what nothing holds: forces are left then, and further iterations are the same."""
 
     still: int = 0  # iterations on end in which nothing has moved or changed
+    errors: tuple[float, ...] = ()  # of the last iterations
+
+    @property
+    def part(self) -> float:
+        """Of the next changes, to be applied: half where iterates come back, as across a kink, on
+        neither side of which their linear models are equilibria."""
+        last, before = self.errors[2:], self.errors[:2]
+        back = len(last) == 2 and np.allclose(last, before, rtol=COMES_BACK, atol=0.0)
+        back = back and not np.isclose(last[0], last[1], rtol=COMES_BACK, atol=0.0)
+        return 0.5 if back else 1.0
 
     def stopped(self, far: float, changes: int, error: float) -> bool:
         """See another iteration that has not come to rest: whether none will.
@@ -132,5 +143,6 @@ class Going:
             changes: pairs that have opened or closed in it.
             error: the relative residual.
         """
+        self.errors = (*self.errors[-3:], error)
         self.still = self.still + 1 if far < NO_MOTION and not changes else 0
         return self.still >= WAITS_STILL and error > LEFT_OVER

@@ -23,6 +23,9 @@ from dolfinx_llm.operators.motions import left_by_supports
 from dolfinx_llm.operators.numbering import BodyDofs
 
 NEARLY = 1e-6  # of a facet: beyond the gap of pairs that meet first, up to which others do as well
+MEETINGS = 4  # of pairs, one after the other, that a body may have to be held by
+STANDS = 1e-2  # of the way at first, up to which a body that has met some is held
+CLOSES = 10.0  # gaps that it closes so, the same
 HARDLY_HELD = 1e-6  # of the stiffness: springs that tell where loads drive what nothing holds
 
 
@@ -66,15 +69,42 @@ def flight(
     run: Any, falls: Sequence[int], places: list[Any], status: list[Any], held: list[Any]
 ) -> dict[int, Array]:
     """Per interface at which bodies fall (n,) gaps up to which pairs touch: those that meet first
-    where weak springs alone hold bodies, which so go where their loads drive them; collective.
+    where weak springs alone hold bodies, which so go where their loads drive them, and where that
+    turns them about these, those that meet then; collective.
 
     Args:
         run: an ``Increment``, whose terms and balance are then those of the given pairs.
         falls: the interfaces.
         places, status, held: of the pairs of all, those of ``falls`` open.
     """
-    if not falls:
-        return {}
+    every, size, status, first = run.steps.interfaces, run.steps.size, list(status), 0.0
+    reaches = {i: np.full(len(places[i].gap), -np.inf) for i in falls}
+    for _ in range(MEETINGS if falls else 0):
+        nears = _nearing(run, falls, places, status, held)
+        far = max(float(np.abs(near).max(initial=0.0)) for near in nears.values())
+        closed = {i: np.where(status[i] != OPEN, places[i].gap, 0.0) for i in falls}
+        if first and far < max(STANDS * first, *(CLOSES * g.max() for g in closed.values())):
+            break
+        least, met = NEARLY * max(size, far), False
+        for i, near in nears.items():
+            if first and np.abs(near).max(initial=0.0) <= least:
+                continue
+            gap = np.where(status[i] == OPEN, places[i].gap, np.inf)
+            reaches[i] = np.maximum(reaches[i], met_first(gap, near, least) + NEARLY * size)
+            of = places[i], 0.0 * run.own[i], np.full(len(gap), OPEN), held[i], reaches[i]
+            with collective(run.dofs.comm):
+                now = every[i].what.touching(*of)[0]
+            met, status[i] = met or bool((now != status[i]).any()), now
+        if not met:
+            break
+        first = first or far
+    return reaches
+
+
+def _nearing(
+    run: Any, falls: Sequence[int], places: list[Any], status: list[Any], held: list[Any]
+) -> dict[int, Array]:
+    """Per interface by how much pairs (n,) near each other where weak springs hold bodies."""
     steps, dofs = run.steps, run.dofs
     run.take(places, status, held)
     run.balance()
@@ -88,13 +118,8 @@ def flight(
         du, changes = run.solved(K, False)
     finally:
         K.destroy()
-    nears = {}
-    for i in falls:
-        placed = steps.interfaces[i]
-        nears[i] = -placed.what.nearing(places[i], placed.values(dofs, du), changes[i])
-    least = NEARLY * max(steps.size, *(float(np.abs(near).max()) for near in nears.values()))
-    reach = {i: met_first(places[i].gap, near, least) for i, near in nears.items()}
-    return {i: of + NEARLY * steps.size for i, of in reach.items()}
+    every = ((i, steps.interfaces[i]) for i in falls)
+    return {i: -p.what.nearing(places[i], p.values(dofs, du), changes[i]) for i, p in every}
 
 
 def caught(run: Any, now: list[Any]) -> dict[int, Array]:

@@ -40,6 +40,7 @@ ROUNDED = 4e-15  # residual over stiffness times length: stresses near 1 + grad 
 NO_GAP = 1e-11  # gap over facet size that is none
 DOUBTS = 1e-3  # pull over the largest force, below the residual, that parts no pair
 STUCK = 0.9  # part of the last residual above which an iteration has brought nothing
+LINGERS = 1e-8  # relative: what laws may be missed by if it stays so, as at supports of both sides
 SLIDES = 0.5  # of a facet, in an iteration, up to which derivatives of rows and areas hold
 TRUSTED = 0.03  # residual, relative, below which slip has its exact derivative
 TELLING = 0.3  # residual, relative, up to which the linear model tells which pairs touch at first
@@ -86,7 +87,7 @@ class Increment:
         self.status: list[Any] = list(good.status)
         self.stays, self.known = stays(steps, start), all(s is not None for s in good.status)
         self.doubled = Doubled(self.dofs.comm, steps.interfaces, NO_GAP * steps.size)
-        self.changes, self.doubt, self.stuck, self.error = 0, 0.0, False, np.inf
+        self.changes, self.doubt, self.stuck, self.error, self.rest = 0, 0.0, False, np.inf, np.inf
         self.drawn, self.turned, self.undrawn = [False] * len(self.held), False, False
         self.touched = [s is not None and bool(s.any()) for s in good.status]
         self._body = self._residual(self.u)
@@ -101,7 +102,7 @@ class Increment:
         if given and (found := turned(self.dofs, self.u, *given)):
             self.turned, (self.u, R) = True, found
             self.own = [i.what.carried(q, R) for i, q in zip(self.steps.interfaces, self.own)]
-            self._body, self.error, self.doubt = self._residual(self.u), np.inf, 0.0
+            self._body, self.doubt, self.error = self._residual(self.u), 0.0, np.inf
             self.evaluate()
 
     def _residual(self, u: Array) -> Array:
@@ -110,11 +111,11 @@ class Increment:
 
     def evaluate(self) -> None:
         """Contact, loads and residual at the displacement as it is."""
-        least = STUCK * self.error
+        least = STUCK * self.error, STUCK * self.rest
         with self.steps.times.timed("contact"), failing():
             self._contact()
         self.balance()
-        self.stuck = self.error > least
+        self.stuck, self.lingers = self.error > least[0], self.rest > least[1]
 
     def balance(self) -> None:
         """Residual for the forces of contact and loads as they are."""
@@ -136,12 +137,12 @@ class Increment:
         mine = [float(np.abs(part).max(initial=0.0)) for part in parts]
         mine.append(max([np.abs(t.rest).max(initial=0.0) for t in self.terms], default=0.0))
         mine += [max([0.0, *(t.miss for t in self.terms)]), largest]  # the same but for rounding
-        reaction, load, rest, moved, self.rest, miss, largest = np.max(comm.allgather(mine), axis=0)
-        nothing, rest = 1e-12 * steps.scale * steps.size, max(rest, miss)
-        largest = max(largest, reaction, load, nothing, 1e-300)
-        rounding = ROUNDED * steps.scale * (steps.bodies.size + moved)
-        self.r, self.error = r, float(rest / max(largest, rounding / CONVERGED))
-        self.doubt = min(rest, DOUBTS * largest)
+        reaction, load, rest, moved, gap, miss, largest = np.max(comm.allgather(mine), axis=0)
+        largest = max(largest, reaction, load, 1e-12 * steps.scale * steps.size, 1e-300)
+        size = max(largest, ROUNDED / CONVERGED * steps.scale * (steps.bodies.size + moved))
+        self.r, self.off, missed = r, float(rest / size), float(miss / size)
+        self.error, self.rest = max(self.off, missed), max(gap / steps.size, missed)
+        self.doubt = min(max(rest, miss), DOUBTS * largest)
 
     def _contact(self) -> None:
         """Terms of the interfaces, with the status that their pairs have now."""
@@ -186,11 +187,12 @@ class Increment:
         with collective(self.dofs.comm):
             self.terms = [placed.what.terms(*of, placed.free) for placed, *of in of_each]
 
-    def iterate(self, K: PETSc.Mat | None) -> None:
+    def iterate(self, K: PETSc.Mat | None, most: float = 1.0) -> None:
         """Solve for changes, and apply them as far as elements do not turn inside out.
 
         Args:
             K: the bodies' tangent where it is known, destroyed here.
+            most: part of the changes that is applied at most.
         """
         steps, comm = self.steps, self.dofs.comm
         if K is None:
@@ -207,7 +209,7 @@ class Increment:
                 du, changes = self._solve(K)
         finally:
             K.destroy()
-        for cut in 0.5 ** np.arange(CUTS):
+        for cut in most * 0.5 ** np.arange(CUTS):
             body = self._residual(self.u + cut * du)
             if comm.allreduce(bool(np.isfinite(body).all()), op=MPI.LAND):
                 break
@@ -240,8 +242,8 @@ class Increment:
         """Whether this is an equilibrium; its pairs are those that can touch."""
         arrived = np.abs(self.u - self.target)[self.fixed].max(initial=0.0)
         arrived = self.dofs.comm.allreduce(float(arrived), op=MPI.MAX)
-        size = self.steps.size
-        rests = max(self.error, self.rest / size, arrived / size) < CONVERGED
+        rests = max(self.off, arrived / self.steps.size) < CONVERGED
+        rests &= self.rest < (LINGERS if self.lingers else CONVERGED)
         return rests and not self.changes and not self._missed()
 
     def _missed(self) -> bool:

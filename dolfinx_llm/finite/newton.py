@@ -133,7 +133,7 @@ class NewtonSteps:
             before, going = [t.place for t in run.terms], Going()
             for iteration in range(1, NEWTON_ITERATIONS + 1):
                 if not rests:
-                    run.iterate(None if run.turned or iteration > 1 else K)
+                    run.iterate(None if run.turned or iteration > 1 else K, going.part)
                 entry = _entry(run, iteration)
                 self.history.append(entry)
                 tell_iteration(entry, bar)
@@ -233,7 +233,7 @@ class NewtonSteps:
         of = zip(self.equations.interfaces, self._left, self.terms, strict=True)
         for placed, left, t in of:
             told += doubts.left_over(placed.what.sides, left, t.place)
-            for doubt in (doubts.deep, doubts.beside_edge, doubts.edge_leans, doubts.rounded_off):
+            for doubt in doubts.OF_CONTACT:
                 told += doubt(placed.what, t)
             if not self.equations.bodies.in_time:
                 told += doubts.apart(placed.what, t)

@@ -3,12 +3,15 @@
 import finite_patch
 import numpy as np
 import pytest
+import scenes
 import ufl
 import wall_scenes as walls
-from dolfinx import fem
+from dolfinx import fem, mesh
+from dolfinx.fem.petsc import assemble_vector
 from mpi4py import MPI
 
 import dolfinx_llm as llm
+from dolfinx_llm import compat
 
 GAP, LOAD = 0.02, 2.0
 BASE, LOWER = ((-0.5, -1.0), (2.5, -GAP)), ((0.0, 0.0), (2.0, 1.0))
@@ -73,4 +76,38 @@ def test_a_lever_on_a_rigid_end(moment, law):
     arm = below.x - pivot
     turning = (arm[:, 0] * below.force[:, 1] - arm[:, 1] * below.force[:, 0]).sum()
     assert np.isclose(np.abs(turning if moment else below.force[:, 1].sum()), LOAD, rtol=1e-8)
+    problem.destroy()
+
+
+@pytest.mark.parametrize("solver", ["saddle", "condensed"])
+@pytest.mark.parametrize("gdim", [2, 3])
+def test_a_block_that_is_pressed_beside_its_middle(gdim, solver):
+    """It meets a plane with one corner first, which does not hold it, and turns about it until it
+    meets others: "a body flies away, by 1.5e+14"."""
+    size, counts = np.array([2.0, 1.5, 1.0])[3 - gdim :], np.array([5, 4, 2])[3 - gdim :]
+    ends, cell = (np.zeros(gdim), size), ("triangle", "tetrahedron")[gdim - 2]
+    create = (mesh.create_rectangle, mesh.create_box)[gdim - 2]
+    domain = create(MPI.COMM_SELF, ends, counts.tolist(), getattr(mesh.CellType, cell))
+    top, bottom = (
+        mesh.locate_entities_boundary(domain, gdim - 1, scenes.on(gdim - 1, level))
+        for level in (size[-1], 0.0)
+    )
+    values = [np.full(len(on), k, np.int32) for k, on in ((1, top), (2, bottom))]
+    tags = scenes.tags_from(domain, (top, bottom), values, gdim - 1)
+    V = compat.function_space(domain, shape=(gdim,))
+    u, x = fem.Function(V), ufl.SpatialCoordinate(domain)
+    p = 0.5 * (1.0 + sum(0.3 * (x[i] / size[i] - 0.5) for i in range(gdim - 1)))
+    F = finite_patch.residual(u, *finite_patch.lame(100.0, 0.3))
+    pressed = p * ufl.TestFunction(V)[gdim - 1] * ufl.ds(subdomain_data=tags)(1)
+    F += pressed
+    plane = llm.RigidPlane((*np.zeros(gdim - 1), -GAP), np.eye(gdim)[-1])
+    interface = llm.Interface(tags, (2, plane), law=llm.Coulomb(0.3))
+    problem = llm.NonlinearContactProblem(F, u, interfaces=[interface], solver=solver)
+    problem.solve()
+    side = problem.results[0].sides[0]
+    load = assemble_vector(fem.form(pressed)).array.reshape(-1, gdim)[:, -1]
+    assert np.isclose(side.normal_force.sum(), load.sum(), rtol=1e-9)
+    moved = V.tabulate_dof_coordinates()[:, :gdim] + u.x.array.reshape(-1, gdim)
+    assert np.allclose((side.normal_force @ side.x)[:-1], (load @ moved)[:-1], rtol=1e-9)
+    assert (side.normal_force > 0.0).all() and np.abs(side.gap).max() < 1e-9
     problem.destroy()

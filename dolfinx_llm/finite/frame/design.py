@@ -17,8 +17,9 @@ pressure: what of the residual no correction can remove, since both surfaces car
 about the same place (rounding on flat ones).
 
 Of corrections beyond what a row bears a part c_p is taken, N_p = N(xi_p) + c_p delta_p: each row
-tells it by itself, continuously, so that rows follow from positions alone, wherever increments
-begin. What (28) lacks by it stays near: at rims that are covered poorly, or where a frame bends.
+tells it by itself, smoothly, so that rows follow from positions alone, wherever increments begin,
+and no kink is left, across which there may be no equilibrium. What (28) lacks by it stays near: at
+rims that are covered poorly, or where a frame bends.
 """
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ from dolfinx_llm.geometry.loads import assembled
 from dolfinx_llm.geometry.overlap_flat import local_bases
 from dolfinx_llm.geometry.pairs import control_of
 
-CORRECTED = 0.4  # correction of an entry that a row bears
-RAISED = 1.7e-3  # by which corrections may move its place along the normal, over facet size, in 2D
+CORRECTED = 0.4  # correction of an entry that a row bears whole, and at most as much again
+RAISED = 1.2e-3  # the same of its place along the normal, over facet size, in 2D
 UNREACHED = 1e-12  # diagonal entry of M over the largest, of nodes that no row reaches
 FAINT = 1e-13  # added to it, over the largest: for parts of a frame that touch nothing else
 UNDESIGNED = 1e12  # the same, where rows stay as they are
@@ -182,11 +183,13 @@ class Design:
         t = np.einsum("nsa,ns->na", lift, mu[nodes])  # S⁻¹ C W mu
         v = mu[nodes] - np.einsum("nas,na->ns", C, t)
         delta = -w * v
-        borne_part, *by_excess = self._borne_part(delta, np.einsum("nsi,ni->ns", arm, at.normal))
+        borne_part, fades, *by_excess = self._borne_part(
+            delta, np.einsum("nsi,ni->ns", arm, at.normal)
+        )
         parts = {
             "P": P, "lift": lift, "C": C, "t": t, "v": v, "tangents": tangents, "arm": arm,
             "window": window, "plus": plus, "total": total, "w": w, "delta": delta,
-            "part": borne_part, "excess": by_excess,
+            "part": borne_part, "fades": fades, "excess": by_excess,
         }  # fmt: skip
         taken, pressure = borne_part[:, None] * delta, chart @ kappa
         return DesignedRows(nodes, N0 + taken, taken, N0 + delta, M, G, mu, pressure, parts)
@@ -199,8 +202,9 @@ class Design:
         added = FAINT if self.wanted else UNDESIGNED
         return M + diagonal(np.where(reached, added * largest, largest))
 
-    def _borne_part(self, delta: Array, height: Array) -> tuple[Array, Array, Array]:
-        """Part c of each row's corrections that it bears, 1 / max(1, e).
+    def _borne_part(self, delta: Array, height: Array) -> tuple[Array, Array, Array, Array]:
+        """Part c of each row's corrections that it bears, 1 up to e = 1, beyond it
+        (1 + tanh(e - 1)) / e: without a kink, across which no equilibrium may lie.
 
         They do not move places along the surface, but along the normal of a curved one, and
         otherwise elsewhere: contact that slides would lose energy. In space they stay.
@@ -210,8 +214,8 @@ class Design:
             height: (n, s) n·(y_J - x_p) of the frame's nodes [length].
 
         Returns:
-            (n,) c, and where that is less than 1, else 0, the derivatives of the excess e: (n, s)
-            by delta, and (n,) by sum_J delta_pJ n·(y_J - x_p) [1 / length].
+            (n,) c and -dc/de, and where c is less than 1, else 0, the derivatives of the excess e:
+            (n, s) by delta, and (n,) by sum_J delta_pJ n·(y_J - x_p) [1 / length].
         """
         every, largest = np.arange(len(delta)), np.abs(delta).argmax(axis=1)
         most = delta[every, largest] / CORRECTED
@@ -223,7 +227,10 @@ class Design:
         by_raised = np.where(bends, sign, 0.0) / allowed
         by_delta = by_raised[:, None] * height
         by_delta[every, largest] += np.where(bends, 0.0, sign) / CORRECTED
-        return 1.0 / np.maximum(excess, 1.0), by_delta, by_raised
+        excess = np.maximum(excess, 1.0)
+        rising = np.tanh(excess - 1.0)
+        part = (1.0 + rising) / excess
+        return part, (part - (1.0 - rising**2)) / excess, by_delta, by_raised
 
     def derivatives(
         self,
@@ -239,7 +246,7 @@ class Design:
             d delta_p = -P dmu - Π (v ∘ dw) + P dCᵀ t - W Cᵀ S⁻¹ dC delta,  Π = 1 - W Cᵀ S⁻¹ C,
 
         dmu being an unknown of its own, for which (28) is differentiated; d(c delta) = c d delta
-        - c² delta de.
+        + delta dc.
 
         Args:
             rows, at, d: rows, places, and the places' derivatives.
@@ -281,7 +288,7 @@ class Design:
         change = per_item(wane) @ d.xi + per_item(turns) @ d.normal + jacobian(moves, places, width)
         # Parts that rows bear: the excess through delta, the normal and places.
         by_delta, by_raised = q["excess"]
-        less = (q["part"] ** 2)[:, None] * delta
+        less = q["fades"][:, None] * delta
         cut = q["part"][:, None, None] * np.eye(s) - less[:, :, None] * by_delta[:, None]
         lean = by_raised[:, None] * np.einsum("ns,nsi->ni", delta, q["arm"])
         shift = (by_raised[:, None] * delta)[:, :, None] * at.normal[:, None]
