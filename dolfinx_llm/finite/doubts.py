@@ -27,7 +27,7 @@ EDGE_IN = 0.1  # of a facet: deeper do not lie nodes of a frame behind facets th
 A_FACET = 1.0  # deeper lies what does not touch there
 EDGE_AWAY = 0.01  # of a facet: an edge so far off is not what presses beyond it
 LEANS = 0.1  # of the force, as it may lean by beside sharp edges that bend what they press
-UNSAID = 1e-10  # of a facet, by which what laws ask for is missed without a word
+UNSAID = 1e-11  # of a facet, by which what laws ask for is missed without a word, as at any rest
 BEYOND_SHARE = 0.01  # of the force on pairs, up to which such nodes do not matter
 
 
@@ -104,10 +104,9 @@ def _clearance(contact: MovingContact, z: Array, now: Place) -> tuple[float, Arr
     return float(gap[nearest]), x[nearest] + sides.surfaces[0].origin
 
 
-def missed(contact: MovingContact, t: ContactTerms) -> list[str]:
-    """Of laws that iterations do not meet any nearer."""
-    mover = contact.sides.mover
-    left = np.abs(t.rest).max(initial=0.0) / mover.facet_size
+def missed(contact: MovingContact, t: ContactTerms, size: float) -> list[str]:
+    """Of laws that iterations do not meet any nearer; size of facets, by which that is judged."""
+    left = np.abs(t.rest).max(initial=0.0) / size
     if left <= UNSAID:
         return []
     return [
@@ -234,6 +233,3 @@ def _on_frame(contact: MovingContact, t: ContactTerms) -> NormalPlace | None:
     """How pairs stand, of contact that may part with a frame on another surface; None: of other."""
     another = contact.parts and not isinstance(contact.sides, SelfSides)
     return t.place if another and isinstance(t.place, NormalPlace) else None
-
-
-OF_CONTACT = (missed, deep, beside_edge, edge_leans, rounded_off)

@@ -233,7 +233,8 @@ class NewtonSteps:
         of = zip(self.equations.interfaces, self._left, self.terms, strict=True)
         for placed, left, t in of:
             told += doubts.left_over(placed.what.sides, left, t.place)
-            for doubt in doubts.OF_CONTACT:
+            told += doubts.missed(placed.what, t, self.equations.size)
+            for doubt in (doubts.deep, doubts.beside_edge, doubts.edge_leans, doubts.rounded_off):
                 told += doubt(placed.what, t)
             if not self.equations.bodies.in_time:
                 told += doubts.apart(placed.what, t)
