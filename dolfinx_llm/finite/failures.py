@@ -12,13 +12,13 @@ from mpi4py import MPI
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.iterates import comes_back
 from dolfinx_llm.finite.load_step import Equations
 from dolfinx_llm.forms.options import NoOption
 
 NO_MOTION = 1e-12  # of a cell: motion in an iteration that is none
 WAITS_STILL = 2  # iterations without any, after which there will be none
 LEFT_OVER = 1e-6  # relative residual that is not rounding
-COMES_BACK = 1e-3  # relative difference of residuals that are the same
 AS_FAR = 10.0  # times as far as bodies are large and driven, by which none comes that is held
 FLIES = 1e6  # cells, by which no body moves in an iteration that something holds
 
@@ -130,10 +130,8 @@ class Going:
     def part(self) -> float:
         """Of the next changes, to be applied: half where iterates come back, as across a kink, on
         neither side of which their linear models are equilibria."""
-        last, before = self.errors[2:], self.errors[:2]
-        back = len(last) == 2 and np.allclose(last, before, rtol=COMES_BACK, atol=0.0)
-        back = back and not np.isclose(last[0], last[1], rtol=COMES_BACK, atol=0.0)
-        return 0.5 if back else 1.0
+        goes_to_and_fro = comes_back(self.errors, 2) and not comes_back(self.errors, 1)
+        return 0.5 if goes_to_and_fro else 1.0
 
     def stopped(self, far: float, changes: int, error: float) -> bool:
         """See another iteration that has not come to rest: whether none will.

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
+from dolfinx_llm.base.iterates import comes_back
 
 CIRCLE = range(2, 7)  # iterations in one
-ALIKE_AGAIN = 1e-3  # relative difference of residuals that are the same
 
 
 class Circles:
@@ -25,11 +24,8 @@ class Circles:
         """Whether friction is to have the bound of the last iterate, as long as contact is
         restless."""
         missed = [h["residual"] for h in self._history[self._since :]]
-        for n in CIRCLE:
-            last = missed[-2 * n :]
-            if len(last) == 2 * n and np.allclose(last[n:], last[:n], rtol=ALIKE_AGAIN, atol=0.0):
-                self._lags, self._since = not self._lags, len(self._history)
-                break
+        if any(comes_back(missed, n) for n in CIRCLE):
+            self._lags, self._since = not self._lags, len(self._history)
         self._lags = self._lags and restless
         return self._lags
 
