@@ -41,8 +41,9 @@ from dolfinx_llm.geometry.loads import assembled
 from dolfinx_llm.geometry.overlap_flat import local_bases
 from dolfinx_llm.geometry.pairs import control_of
 
-CORRECTED = 0.4  # correction of an entry that a row bears whole, and at most as much again
-RAISED = 1.2e-3  # the same of its place along the normal, over facet size, in 2D
+CORRECTED = 0.4  # correction of an entry that a row bears
+RAISED = 1.7e-3  # by which corrections may move its place along the normal, over facet size, in 2D
+BORNE_WHOLE = 0.75  # of that, up to which they are borne whole
 UNREACHED = 1e-12  # diagonal entry of M over the largest, of nodes that no row reaches
 FAINT = 1e-13  # added to it, over the largest: for parts of a frame that touch nothing else
 UNDESIGNED = 1e12  # the same, where rows stay as they are
@@ -183,9 +184,8 @@ class Design:
         t = np.einsum("nsa,ns->na", lift, mu[nodes])  # S⁻¹ C W mu
         v = mu[nodes] - np.einsum("nas,na->ns", C, t)
         delta = -w * v
-        borne_part, fades, *by_excess = self._borne_part(
-            delta, np.einsum("nsi,ni->ns", arm, at.normal)
-        )
+        height = np.einsum("nsi,ni->ns", arm, at.normal)
+        borne_part, fades, *by_excess = self._borne_part(delta, height)
         parts = {
             "P": P, "lift": lift, "C": C, "t": t, "v": v, "tangents": tangents, "arm": arm,
             "window": window, "plus": plus, "total": total, "w": w, "delta": delta,
@@ -203,8 +203,8 @@ class Design:
         return M + diagonal(np.where(reached, added * largest, largest))
 
     def _borne_part(self, delta: Array, height: Array) -> tuple[Array, Array, Array, Array]:
-        """Part c of each row's corrections that it bears, 1 up to e = 1, beyond it
-        (1 + tanh(e - 1)) / e: without a kink, across which no equilibrium may lie.
+        """Part c of each row's corrections that it bears, so that no entry changes and no
+        place moves beyond its limit; smooth in the latter, as no state may lie beside a kink.
 
         They do not move places along the surface, but along the normal of a curved one, and
         otherwise elsewhere: contact that slides would lose energy. In space they stay.
@@ -214,23 +214,24 @@ class Design:
             height: (n, s) n·(y_J - x_p) of the frame's nodes [length].
 
         Returns:
-            (n,) c and -dc/de, and where c is less than 1, else 0, the derivatives of the excess e:
-            (n, s) by delta, and (n,) by sum_J delta_pJ n·(y_J - x_p) [1 / length].
+            (n,) c, and -dc/de with e what is larger of both over its limit; where c is less than 1,
+            else 0, derivatives of e: (n, s) by delta, (n,) by that place [1 / length].
         """
         every, largest = np.arange(len(delta)), np.abs(delta).argmax(axis=1)
         most = delta[every, largest] / CORRECTED
         allowed = RAISED * self.size if self.element.dim == 1 else np.inf
         raised = np.einsum("ns,ns->n", delta, height) / allowed
-        bends = np.abs(raised) > np.abs(most)
-        excess = np.abs(np.where(bends, raised, most))
-        sign = np.sign(np.where(bends, raised, most)) * (excess > 1.0)
+        whole, far = np.maximum(np.abs(most), 1.0), np.maximum(np.abs(raised), BORNE_WHOLE)
+        rising = np.tanh((far - BORNE_WHOLE) / (1.0 - BORNE_WHOLE))
+        parts = 1.0 / whole, (BORNE_WHOLE + (1.0 - BORNE_WHOLE) * rising) / far
+        bends = parts[1] < parts[0]
+        part = np.where(bends, parts[1], parts[0])
+        fades = np.where(bends, (part - (1.0 - rising**2)) / far, part / whole)
+        sign = np.sign(np.where(bends, raised, most)) * (part < 1.0)
         by_raised = np.where(bends, sign, 0.0) / allowed
         by_delta = by_raised[:, None] * height
         by_delta[every, largest] += np.where(bends, 0.0, sign) / CORRECTED
-        excess = np.maximum(excess, 1.0)
-        rising = np.tanh(excess - 1.0)
-        part = (1.0 + rising) / excess
-        return part, (part - (1.0 - rising**2)) / excess, by_delta, by_raised
+        return part, fades, by_delta, by_raised
 
     def derivatives(
         self,
