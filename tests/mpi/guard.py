@@ -18,6 +18,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import dolfinx_llm  # noqa: F401  (before the first script: what that sets is put back)
+from dolfinx_llm.base.disposable import Remains
 
 comm = MPI.COMM_WORLD
 
@@ -40,6 +41,7 @@ def run(command):
         root.handlers[:], root.level, root.manager.disable = log
         sys.argv = argv
     gc.collect()
+    Remains.dropped, Remains.told = 0, False  # what the script has left
     if hasattr(PETSc, "garbage_cleanup"):
         PETSc.garbage_cleanup()
 
