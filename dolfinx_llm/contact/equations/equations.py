@@ -29,7 +29,7 @@ from dolfinx_llm.forms.step import LEAST_FELT, SIGN, SOFT, LinearStep
 from dolfinx_llm.laws.rows import STICK, UNBOUNDED, LawRows
 from dolfinx_llm.operators.system import ContactOperators
 
-ROUNDED_OFF = 4.0 * float(np.finfo(float).eps) / SOFT
+ROUNDED_OFF = 4.0 * float(np.finfo(float).eps)  # of forces, before rows give way by it
 CARRIED = 1e-3  # part of a force on an obstacle from which on contact does not balance it
 
 
@@ -47,10 +47,9 @@ class Equations:
         compliance: (n,) by how much rows give way, as springs do [length / force].
         lags: normal forces that bound friction are those of the last iterate.
         trust: in slips of the last iterate, see ``newton_rows``.
-        soft: (n,) rows that give way to changes alone, by ``SOFT``: supports, or other rows of the
-            same nodes, leave forces open.
-        felt: part of the largest force that is more than rounding: where rows of joints give way it
-            is divided by ``SOFT``.
+        soft: (n,) rows that give way to changes alone: supports, or other rows of the same nodes,
+            leave forces open.
+        gives: by how much these do, over the surfaces' compliance.
         least: where all forces are below, they are none: rounding of what came here [force].
         idle: forces [force] up to which interfaces stick: weak springs alone press there, and lead
             bodies that have come free away.
@@ -71,7 +70,7 @@ class Equations:
         # Of ties no row that repeats others is in contact.
         loose = np.concatenate([np.full(nodes.rows.size, not nodes.law.ties) for nodes in places])
         self.soft = (operators.soft | operators.loops) & loose
-        self.felt = max(SIGN, ROUNDED_OFF) if operators.loops.any() else SIGN
+        self.gives, self._joined = SOFT, bool(operators.loops.any())
         self.compliance = np.zeros(self.n)
         L, L_kappa = beside([s.L for s in places]), beside([s.L_kappa for s in places])
         self.L_t, self.n_v = L.T.tocsr(), L.shape[1]
@@ -91,6 +90,12 @@ class Equations:
             if not nodes.geometry.rigid:
                 v = nodes.v.reshape(-1, nodes.geometry.directions.shape[1])
                 self.drifts[v[:, -1]] = True
+
+    @property
+    def felt(self) -> float:
+        """Part of the largest force that is more than rounding: that of rows of joints is divided
+        by what they give way."""
+        return max(SIGN, ROUNDED_OFF / self.gives) if self._joined else SIGN
 
     def closed_rows(self) -> Array:
         """(n,) rows in contact."""
@@ -148,7 +153,7 @@ class Equations:
             return replace(self._ties, g=g, rhs=self.loads)
         active = self.closed_rows()
         kept = np.where(active, self.about, 0.0)
-        compliance = np.where(self.soft, SOFT / self.scale, self.compliance)
+        compliance = np.where(self.soft, self.gives / self.scale, self.compliance)
         now = self.frames.rows()
         E, D, rhs = [now.E], [now.D], [now.own @ centre + self.loads + now.pull @ g]
         for s, parts in zip(self.states, now.slips, strict=True):

@@ -157,7 +157,7 @@ class Search:
         equations.lags = self._circles.lag(self._calm <= CALM)
         equations.trust = WARY * TRUSTING ** (self._number - 2)
         settled = self._calm > 0 and self._before <= CONSTANT
-        equations.about = self._giving.about(settled, self._number)
+        self._giving.begin(settled, self._number)
         step = self._linear_step()
         if glides or self._first:
             step = equations.all_stick(step)

@@ -4,6 +4,7 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.contact.equations.equations import Equations
+from dolfinx_llm.forms.step import SOFT
 
 CONSTANT = 1e-8  # part of the largest force by which those at supports may still change
 ROUGH = 1e-5  # the same where that falls no more: by ``SOFT`` less than 1e-11 of what bodies give
@@ -12,6 +13,7 @@ LONG = 12  # the same, after which all last changes are combined
 MIXED = 8  # changes of which the best combination is looked for
 NEWS = 1e-6  # of the largest: differences of changes that say nothing new
 LATE = 24  # iterations in which most scenes come to rest
+GIVES_LESS = 0.1  # of ``SOFT``, from then on
 
 
 class GivingWay:
@@ -22,7 +24,8 @@ class GivingWay:
 
     While pairs still change rows give way about the start of the load step, so that λ does not
     depend on the way there. Where it is one and then the other of two pairs that share a force,
-    this goes on for ever: from iteration ``LATE`` on rows give way about the last λ.
+    this goes on for ever: from iteration ``LATE`` on rows give way about the last λ. They do so by
+    less then, as combinations of changes miss where friction slips.
 
     Args:
         equations: of the rows, about λ at the start of the load step.
@@ -34,16 +37,16 @@ class GivingWay:
         self._changes: list[Array] = []
         self._found: list[Array] = []
 
-    def about(self, settled: bool, iteration: int) -> Array:
-        """(n,) λ about which rows give way next [force].
+    def begin(self, settled: bool, iteration: int) -> None:
+        """About what, and by how much, rows give way in an iteration.
 
         Args:
             settled: pairs and laws have come to rest.
             iteration: its number.
         """
-        if settled:
-            return self._ahead
-        return self._last if iteration > LATE else self._equations.start
+        equations, late = self._equations, iteration > LATE
+        equations.gives = GIVES_LESS * SOFT if late else SOFT
+        equations.about = self._ahead if settled else self._last if late else equations.start
 
     def rest(self, multiplier: Array, largest: float, calm: int) -> bool:
         """Whether the forces λ (n,) differ little from those about which rows give way now.
