@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.sparse import block_diag, csr_matrix, hstack
+from scipy.sparse import block_diag, csr_matrix, diags, hstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.pairs import ContactPairs
@@ -17,6 +17,7 @@ VANISHES = 1e-6  # what is left of a sum of 1 where no forces press; of less rou
 DISCERNED = 1e-6  # of singular values, that tell a density
 AREALESS = 1e-9  # part of the largest area, that tells no density
 PULL = 1e-10  # part of the largest force below which a pull is rounding
+UNLOADED = 1e-6  # part of the largest normal force, as of which nodes count that nothing presses
 
 
 def with_reactions(
@@ -35,8 +36,9 @@ def with_reactions(
     which those that may open press, these are the nearest to what bodies pass on: in ties alone the
     density of the nodes next to them, so that a constant one is found; at other nodes held
     f - K u (n_local,), in equal parts where interfaces share a node; else zero, which leads to the
-    smallest forces. Those against obstacles stay as they are, but for obstacles that bodies cannot
-    part from, which hold them as supports do, and take the rest.
+    smallest forces, of friction as the normal force at the node has it. Those against obstacles
+    stay as they are, but for obstacles that bodies cannot part from, which hold them as supports
+    do, and take the rest.
 
     Args:
         operators: of the interfaces.
@@ -62,12 +64,14 @@ def with_reactions(
     # In ties alone it is what the nodes next to them say. Where contact shares a node, which of its
     # pairs press without force is for rounding to say, and the least is wanted of all.
     next_to, opens = wanted.copy(), np.ones(len(motion), dtype=bool)
-    chosen, presses, guides, felt = *np.zeros((3, len(motion)), dtype=bool), []
+    chosen, presses, guides, rubs, felt = *np.zeros((4, len(motion)), dtype=bool), []
+    normal = np.arange(len(motion))  # of each row the normal one of its node
     for i, (geometry, place) in enumerate(zip(operators.geometries, operators.places, strict=True)):
         law, c, L = geometry.interface.law, geometry.pairs[0].base.shape[1], operators.blocks[i]
         guide = geometry.rigid and not (law.opens or law.gives or L.shape[1])
         guides[place.rows] = guide & (law.ties | (np.arange(L.shape[0]) % c == c - 1))
         opens[place.rows] = not (law.ties or guide)
+        normal[place.rows] += c - 1 - np.arange(L.shape[0]) % c
         felt.append(L)
         if geometry.rigid or law.gives:  # where the law gives way it tells the forces
             continue
@@ -76,7 +80,7 @@ def with_reactions(
             own = closed[place.rows] & (np.arange(len(own)) % c == c - 1)
             presses[place.rows] = own & law.opens
             bears, of_friction = friction[i]
-            wanted[place.rows][bears] = 0.0  # nothing tells friction: it is the least
+            wanted[place.rows][bears], rubs[place.rows] = 0.0, bears  # friction is the least
             own, felt[i] = own | bears, hstack([L, of_friction(multiplier[place.rows], level)])
             own &= ~np.repeat(geometry.prescribed, c)  # frame nodes of its own tell these
         else:
@@ -106,7 +110,13 @@ def with_reactions(
             _, column = np.unique(densities[to], return_inverse=True)
             same, aim = areas[to, None] * np.eye(column.max() + 1)[column], next_to[to]
             aim = aim + _constant(fixed[own], multiplier[to] - aim, same)
-        multiplier[to] = _nearest(fixed[own], multiplier[to], aim, presses[to], rounding)
+        given = fixed[own], multiplier[to], aim
+        multiplier[to] = _nearest(*given, presses[to], rounding)
+        if rubs[to].any():
+            pressed = np.where(rubs[to], np.maximum(multiplier[normal[to]], 0.0), 0.0)
+            of = np.where(rubs[to], np.sqrt(pressed / max(pressed.max(), 1e-300) + UNLOADED), 1.0)
+            scaled = (diags(of) @ given[0]).tocsr(), given[1] / of, given[2] / of
+            multiplier[to] = of * _nearest(*scaled, presses[to], rounding)
     more = (multiplier[at] - before)[:, None] * operators.free[at]
     multiplier[held_by.rows] -= held_by.told(nodes[at], more)
     return multiplier
