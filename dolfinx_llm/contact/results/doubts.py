@@ -27,6 +27,7 @@ TILT = 0.1  # [rad] angle by which an obstacle may turn: half its square of the 
 LOOSE_SHARE = 1e-3  # of the normal force, on pairs without friction of their own
 UNTIED_SHARE = 1e-2  # the same, on pairs that have none from the start of a load step, and of
 # friction on pairs that do not press
+GRAZING_SHARE = 0.2  # the same of that friction, from where on it is no answer
 UNEVEN = 2.0  # friction of a side's nodes over that of the law's, where all slip
 CARRIES = 1e-10  # of the largest force in the load step: an interface with less carries none
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
@@ -45,7 +46,7 @@ def doubts(
 
     Raises:
         ContactError: what presses lies beside a tool, or next to what was left out as too far
-            away; the same on every rank.
+            away, or pairs that do not press bear much friction; the same on every rank.
     """
     out = []
     for state, result in zip(iteration.states, results, strict=True):
@@ -67,11 +68,15 @@ def doubts(
             )
         grazes = max(state.grazes, _borne_open(state.nodes.geometry, result))
         if grazes > UNTIED_SHARE:
+            refused = state.grazes > GRAZING_SHARE
+            allowed = f" (allowed {GRAZING_SHARE:.0%})" if refused else ""
             out.append(
                 f"interface {state.nodes.geometry.interface.name}: pairs that are just about to "
-                f"part bear friction of {grazes:.1%} of the normal force without pressing. "
-                "Use a finer mesh where contact ends"
+                f"part bear friction of {grazes:.1%} of the normal force without "
+                f"pressing{allowed}. Use a finer mesh where contact ends"
             )
+            if refused:
+                raise ContactError(out[-1])
         out += _rough(state.nodes.geometry, result)
         _check_tool(state.nodes.geometry, result)
         _check_cuts(state.nodes.geometry, result)
