@@ -19,6 +19,7 @@ from dolfinx_llm.forms.options import NoOption
 NO_MOTION = 1e-12  # of a cell: motion in an iteration that is none
 WAITS_STILL = 2  # iterations without any, after which there will be none
 LEFT_OVER = 1e-6  # relative residual that is not rounding
+NOISE_LEFT, WAITS_LOW = 1e-9, 6  # one that is, after so many iterations on end with no larger one
 AS_FAR = 10.0  # times as far as bodies are large and driven, by which none comes that is held
 FLIES = 1e6  # cells, by which no body moves in an iteration that something holds
 
@@ -124,7 +125,14 @@ class Going:
     what nothing holds: forces are left then, and further iterations are the same."""
 
     still: int = 0  # iterations on end in which nothing has moved or changed
+    low: int = 0  # iterations on end with a residual of rounding, and no change
     errors: tuple[float, ...] = ()  # of the last iterations
+
+    @property
+    def noise(self) -> float:
+        """Relative residual that is none. Rows that are hardly told, as of a tooth's tip on another
+        one, are rounded more than forces over stiffness tell."""
+        return NOISE_LEFT if self.low >= WAITS_LOW else 0.0
 
     @property
     def part(self) -> float:
@@ -143,4 +151,5 @@ class Going:
         """
         self.errors = (*self.errors[-3:], error)
         self.still = self.still + 1 if far < NO_MOTION and not changes else 0
+        self.low = self.low + 1 if error < NOISE_LEFT and not changes else 0
         return self.still >= WAITS_STILL and error > LEFT_OVER

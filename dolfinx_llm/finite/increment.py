@@ -238,11 +238,11 @@ class Increment:
             du, dq = steps.system.solve(K, self.terms, self.loads, r, self.u, self.error, exact)
         return du, np.split(dq, np.cumsum([len(q) for q in self.own])[:-1]) if self.own else []
 
-    def converged(self) -> bool:
-        """Whether this is an equilibrium; its pairs are those that can touch."""
+    def converged(self, noise: float = 0.0) -> bool:
+        """Whether this is an equilibrium, but for noise; its pairs are those that can touch."""
         arrived = np.abs(self.u - self.target)[self.fixed].max(initial=0.0)
         arrived = self.dofs.comm.allreduce(float(arrived), op=MPI.MAX)
-        rests = max(self.off, arrived / self.steps.size) < CONVERGED
+        rests = arrived < CONVERGED * self.steps.size and self.off < max(CONVERGED, noise)
         rests &= self.rest < (LINGERS if self.lingers else CONVERGED)
         return rests and not self.changes and not self._missed()
 

@@ -137,7 +137,7 @@ class NewtonSteps:
                 entry = _entry(run, iteration)
                 self.history.append(entry)
                 tell_iteration(entry, bar)
-                if run.converged():
+                if run.converged(going.noise):
                     self._check(run, before, start)
                     self._measure(run, step, start)
                     self.terms = run.terms
@@ -148,9 +148,10 @@ class NewtonSteps:
                     raise unbalanced(self.equations, run.error, _left(run))
         finally:
             K.destroy()  # where no iteration has
+        turns = f"{run.changes} pairs open or close by turns, " if run.changes else ""
         raise StepFailed(
-            f"no convergence in {NEWTON_ITERATIONS} iterations, residual {run.error:.1e}, the "
-            f"largest {where(self.equations, _left(run))}"
+            f"no convergence in {NEWTON_ITERATIONS} iterations, {turns}residual {run.error:.1e}, "
+            f"the largest {where(self.equations, _left(run))}"
         )
 
     def _begun(self, step: LoadStep, end: float) -> tuple[Increment, bool]:
