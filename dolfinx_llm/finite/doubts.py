@@ -16,7 +16,7 @@ from dolfinx_llm.finite.pairs.normal_contact import OVER, NormalPlace
 from dolfinx_llm.finite.pairs.terms import ContactTerms, MovingContact, Place
 from dolfinx_llm.finite.pressure import Follower
 from dolfinx_llm.geometry.cells import areas_around, unit, unit_normals
-from dolfinx_llm.geometry.drawn import SHARP, angles_between
+from dolfinx_llm.geometry.drawn import SHARP, edges
 from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.interface.against import checked_clearance
 from dolfinx_llm.interface.touching import NEARER, nothing_touches
@@ -198,22 +198,24 @@ def edge_leans(contact: MovingContact, t: ContactTerms) -> list[str]:
 
 
 def rounded_off(contact: MovingContact, t: ContactTerms) -> list[str]:
-    """Of sharp edges of the frame, as drawn, where something presses on both sides, or beside them
-    with forces that lean: along the normal neither of the facet nor of what presses on it."""
+    """Of edges of the frame, as drawn, where something presses on both sides of sharp ones, or
+    beside any with forces that lean: along the normal neither of the facet nor of what presses on
+    it."""
     sides, place = contact.sides, _on_frame(contact, t)
     if place is None:
         return []
     frame, facet, pressed = sides.carrier, place.at.facet, t.status != OPEN
-    i, j, angle = angles_between(frame.x, frame.facets)
-    i, j = i[angle > SHARP], j[angle > SHARP]
-    if not len(i):
+    i, j, angle, edge = edges(frame.x, frame.facets)
+    edge |= angle > SHARP
+    if not edge.any():
         return []
+    i, j, angle = i[edge], j[edge], angle[edge]
     x, y = sides.split(place.z)
     own = unit_normals(y, frame.facets)[facet], -unit(areas_around(x, sides.mover.skin))
     lean = np.min([np.linalg.norm(place.normal - n, axis=1) for n in own], axis=0)
     force = np.where(pressed, np.linalg.norm(sides.split(t.force)[0], axis=1), 0.0)
     leaning = np.where(np.isin(facet, (i, j)), force * lean, 0.0)
-    both = np.isin(i, facet[pressed]) & np.isin(j, facet[pressed])
+    both = (angle > SHARP) & np.isin(i, facet[pressed]) & np.isin(j, facet[pressed])
     if not both.any() and leaning.sum() <= LEANS * force.sum():
         return []
     share = leaning.sum() / force.sum() if force.any() else 0.0

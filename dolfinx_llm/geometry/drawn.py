@@ -17,7 +17,9 @@ from dolfinx_llm.geometry.cells import (
 from dolfinx_llm.geometry.neighbours import neighbours
 
 CURVES, SHARP = 1e-3, np.pi / 6  # angles of facets with the mean about a node, where it is curved
-STANDS_OUT = 2.0  # times as sharp as what facets meet at beside it, or SHARP: an edge
+STANDS_OUT = 2.0  # times as sharp as what bends the same way beside it, or SHARP: an edge
+LEAST_EDGE = 0.2  # angle: normals that are rounded off lean by half of it
+BENT_ALONE = 3.0  # times as sharp as all that bends beside it
 HARDLY_TOLD = 1e-6  # of the largest share in a fit: directions that it tells no slope along
 
 
@@ -60,20 +62,32 @@ def angles_between(x: Array, facets: Array) -> tuple[Array, Array, Array]:
     return i, j, np.arccos(np.clip(np.einsum("ni,ni->n", normal[i], normal[j]), -1.0, 1.0))
 
 
-def has_edges(x: Array, facets: Array) -> bool:
-    """Whether a surface has sharp edges, as of ``angles_between``: facets of a round one, however
-    coarse, meet at like angles side by side."""
+def edges(x: Array, facets: Array) -> tuple[Array, Array, Array, Array]:
+    """Pairs as of ``angles_between``, and (e,) whether an edge is between them: they meet by far
+    sharper than others next to them, as facets of a round surface, however coarse, meet at like
+    angles. Next to a pair are those of its facets, and of facets beside these but for those with a
+    node of what the pair shares, along which it may go on."""
     i, j, angle = angles_between(x, facets)
-    if not (angle > SHARP).any():
-        return False
+    e, edge, bent = len(angle), np.zeros(len(angle), dtype=bool), np.flatnonzero(angle > LEAST_EDGE)
+    if not len(bent):
+        return i, j, angle, edge
     centre = x[facets].mean(axis=1)
-    bends = np.sign(np.einsum("ei,ei->e", centre[j] - centre[i], unit_normals(x, facets)[i]))
-    of = np.tile(np.arange(len(angle)), 2), np.append(i, j)
-    beside = csr_matrix((np.ones(2 * len(angle)), of), (len(angle), len(facets)))
-    alike = (diagonal(bends) @ beside @ beside.T @ diagonal(bends)).tocoo()  # both out, or both in
-    alike.data = np.where((alike.row != alike.col) & (alike.data > 0.0), 1.0, 0.0)
-    others = (alike.tocsr() @ diagonal(np.minimum(angle, SHARP))).max(axis=1).toarray().ravel()
-    return bool((angle > np.maximum(SHARP, STANDS_OUT * others)).any())
+    out = np.einsum("ei,ei->e", centre[j] - centre[i], unit_normals(x, facets)[i]) < 0.0
+    of = csr_matrix((np.ones(2 * e), (np.tile(np.arange(e), 2), np.append(i, j))), (e, len(facets)))
+    around = facets_around(facets, len(x)).T.tocsr()
+    shared, beside = around[i].multiply(around[j]).tocsr(), of[bent] @ of.T
+    far, along = (beside @ of @ of.T).tocoo(), (shared[bent] @ shared.T).tocoo()
+    number = [M.row.astype(np.int64) * e + M.col for M in (far, along)]
+    beside, apart = beside.tocoo(), ~np.isin(*number)
+    row, other = np.append(beside.row, far.row[apart]), np.append(beside.col, far.col[apart])
+    row, other = row[other != bent[row]], other[other != bent[row]]
+    most, alike, size = *np.zeros((2, len(bent))), np.minimum(angle, SHARP)
+    np.maximum.at(most, row, size[other])
+    np.maximum.at(alike, row, np.where(out[other] == out[bent[row]], size[other], 0.0))
+    amid = np.bincount(row, minlength=len(bent)) > 1  # others beside it tell: it is no arc
+    edge[bent] = amid & (angle[bent] > np.maximum(LEAST_EDGE, BENT_ALONE * most))
+    edge[bent] |= angle[bent] > np.maximum(SHARP, STANDS_OUT * alike)
+    return i, j, angle, edge
 
 
 def _continued(

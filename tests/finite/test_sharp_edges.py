@@ -12,13 +12,14 @@ from contact_scenes import ABOVE, BELOW, rectangle
 from dolfinx import fem, mesh
 from dolfinx.fem.petsc import assemble_vector
 from mpi4py import MPI
+from patch2d import FOUNDATION_TOP, PUNCH_BOTTOM, bodies
 from sampling import longer
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
 from dolfinx_llm.geometry.cells import outline_edges, vector_areas
 from dolfinx_llm.geometry.divided import divided
-from dolfinx_llm.geometry.drawn import has_edges
+from dolfinx_llm.geometry.drawn import edges
 from dolfinx_llm.geometry.surface import extract_surface
 
 pytestmark = pytest.mark.quick
@@ -40,10 +41,14 @@ def barbed(x):
     return np.column_stack([x[:, 0], x[:, 1] + (2.0 * x[:, 1] + 1.0) * np.interp(x[:, 0], *CREST)])
 
 
-def stepped(x):
-    """A square's lower side, flat up to an edge of 50 degrees at (0.03, 0)."""
-    rise = np.tan(np.radians(50.0)) * (x[:, 0] - 0.03).clip(0)
-    return np.column_stack([x[:, 0], x[:, 1] + (1.0 - x[:, 1] / 1.2) * rise])
+def stepped(angle):
+    """A square's lower side, flat up to an edge of so many degrees at (0.03, 0)."""
+
+    def move(x):
+        rise = np.tan(np.radians(angle)) * (x[:, 0] - 0.03).clip(0)
+        return np.column_stack([x[:, 0], x[:, 1] + (1.0 - x[:, 1] / 1.2) * rise])
+
+    return move
 
 
 class Ridge:
@@ -148,7 +153,7 @@ def test_flat_beside_an_edge(degree, caplog):
     told with its size; without those nothing does, and there is nothing to tell."""
     pushed = []
     for move in (chamfered, None):
-        scene = Ridge((4, 16), move, degree=degree, ridge=stepped)
+        scene = Ridge((4, 16), move, degree=degree, ridge=stepped(50.0))
         with caplog.at_level(logging.WARNING, "dolfinx_llm"):
             force = scene.press(0.02)[0].force.sum(axis=0)
         pushed.append(abs(force[0] / force[1]))
@@ -157,6 +162,55 @@ def test_flat_beside_an_edge(degree, caplog):
     told = int(re.search(r"lean by (\d+)%", said)[1]) / 100.0
     assert pushed[0] > 0.05 and told == pytest.approx(pushed[0], abs=0.05)
     assert pushed[1] < 0.2 * pushed[0]
+
+
+@pytest.mark.parametrize("angle", [28.0, longer(12.0)])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_flat_beside_an_edge_that_is_not_sharp(degree, angle, caplog):
+    """The same of less than 30 degrees: forces are those of a finer face, and go across it."""
+    coarse, fine = (
+        Ridge(cells, degree=degree, ridge=stepped(angle)).press(0.02)[0].force.sum(axis=0)
+        for cells in ((4, 16), (32, 16))
+    )
+    assert abs(coarse[0]) < 0.01 * abs(coarse[1])
+    assert coarse[1] == pytest.approx(fine[1], rel=0.03)
+    assert not caplog.messages
+
+
+@pytest.mark.parametrize(
+    ("kind", "angle", "cells"),
+    [("hex", 28.0, (12, 5)), ("tet", 50.0, (12, 5)), longer("hex", 50.0, (10, 10))]
+    + [longer("tet", 28.0, (16, 6)), longer("hex", 50.0, (7, 7))],
+)
+def test_flat_beside_an_edge_in_space(kind, angle, cells):
+    """The same on a finer block: pairs of divided facets are no more than the frame's nodes, and
+    come to rest."""
+    boxes = (
+        ((-1.0, -0.5, 0.0), (2.0, 1.0, 1.0), (*cells, 3)),
+        ((-0.97, -0.45, 1.0), (2.0, 0.9, 1.2), (4, 4 if cells[0] == 7 else 3, 2)),
+    )
+    (low, low_tags), (high, high_tags) = bodies(MPI.COMM_SELF, kind, 1, True, boxes=boxes)
+    x = high.geometry.x
+    rise = np.tan(np.radians(angle)) * (x[:, 0] - 0.03).clip(0)
+    x[:, 2] += (1.0 - (x[:, 2] - 1.0) / 1.2) * rise
+    spaces = [compat.function_space(d, shape=(3,)) for d in (low, high)]
+    u, ends = ([fem.Function(V) for V in spaces] for _ in range(2))
+    bcs = [
+        fem.dirichletbc(end, fem.locate_dofs_geometrical(V, lambda p, z=z: np.isclose(p[2], z)))
+        for V, end, z in zip(spaces, ends, (0.0, 2.2), strict=True)
+    ]
+    forms = [
+        finite_patch.residual(v, *finite_patch.lame(E, 0.3), 1)
+        for v, E in zip(u, (1.0, 100.0), strict=True)
+    ]
+    sides = (high_tags, PUNCH_BOTTOM), (low_tags, FOUNDATION_TOP)
+    interface = llm.Interface(None, sides, law=llm.Frictionless())
+    problem = llm.NonlinearContactProblem(forms, u, bcs=bcs, interfaces=[interface])
+    ends[1].x.array[2::3] = -0.02
+    problem.solve(2)
+    force = problem.results[0].sides[0].force.sum(axis=0)
+    assert force[2] < 0.0 and abs(force[0]) < 0.01 * abs(force[2])
+    assert len(problem.history) < 20
 
 
 @pytest.mark.parametrize("cells", [8, longer(12)])
@@ -226,12 +280,30 @@ def test_edges_are_told_from_coarse_facets():
 
     def told(x, closed=False):
         at = np.arange(len(x) - (not closed))
-        return has_edges(np.array(x, float), np.column_stack([at, (at + 1) % len(x)]))
+        return edges(np.array(x, float), np.column_stack([at, (at + 1) % len(x)]))[3].any()
 
-    for n, edges in ((4, True), (8, False), (10, False), (24, False)):
+    for n, has in ((4, True), (8, False), (10, False), (24, False)):
         angle = 2.0 * np.pi * np.arange(n) / n
-        assert told(np.column_stack([np.cos(angle), np.sin(angle)]), closed=True) == edges
+        assert told(np.column_stack([np.cos(angle), np.sin(angle)]), closed=True) == has
     assert told([(-1.0, -0.5), (0.0, 0.0), (1.0, -0.5)])
+    kink = [(-2.0, 0.0), (-1.0, 0.0), (0.0, 0.0), (1.0, -0.25), (2.0, -0.5)]  # 14 degrees
+    assert told(kink) and not told(kink[1:4])  # which may be an arc of two facets
     assert told([(0.0, 0.0), (1.0, 0.2), (2.0, 0.4), (3.0, -0.2), (4.0, -0.8)])
     assert not told([(0.0, 0.0), (1.0, 0.0), (1.7, -0.3), (2.0, -1.0), (2.0, -2.0)])
     assert not told([(0.0, 0.0), (1.0, 0.0)])
+
+
+@pytest.mark.parametrize("parts", [1, 2])
+@pytest.mark.parametrize(("kind", "edge"), [("roof", True), ("kink", True), ("tube", False)])
+def test_edges_in_space(kind, edge, parts):
+    """Facets along an edge meet at its angle as well; halves of a quadrilateral at none."""
+    across, rows = 11, 4
+    t = np.linspace(-1.0, 1.0, across)
+    angle = np.radians({"roof": 50.0, "kink": 14.0, "tube": 180.0}[kind])
+    x, z = (t, -np.tan(angle) * t.clip(0)) if edge else (np.sin(angle * t), np.cos(angle * t))
+    x = np.vstack([np.column_stack([x, np.full(across, y), z]) for y in range(rows)])
+    at = (np.arange(rows - 1)[:, None] * across + np.arange(across - 1)).ravel()
+    quads = np.column_stack([at, at + 1, at + 1 + across, at + across])
+    halves = np.vstack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    i, j, _, found = edges(x, quads if parts == 1 else halves)
+    assert found.sum() == (rows - 1 if edge else 0)

@@ -26,7 +26,7 @@ from dolfinx_llm.base.sparse import diagonal, per_component
 from dolfinx_llm.finite.frame.sides import HARDLY, PER_NODE, Sides, coarser
 from dolfinx_llm.geometry.cells import cell_sizes, unit
 from dolfinx_llm.geometry.divided import divided
-from dolfinx_llm.geometry.drawn import has_edges
+from dolfinx_llm.geometry.drawn import edges
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.forces import per_area
 from dolfinx_llm.laws.rows import OPEN
@@ -56,12 +56,11 @@ def where_sharp(surfaces: Sequence[Surface]) -> tuple[int, Array] | None:
         surfaces: as drawn.
     """
     k = coarser(surfaces)
-    if [has_edges(s.x, s.skin) for s in surfaces] != [k == 0, k == 1]:
+    if [bool(edges(s.x, s.skin)[3].any()) for s in surfaces] != [k == 0, k == 1]:
         return None
     edged, frame = surfaces[k], surfaces[1 - k]
-    p = edged.x[edged.facets]
-    size = np.linalg.norm(p - np.roll(p, 1, axis=1), axis=2).max(axis=1)
-    if p.shape[2] == 3:
+    size = cell_sizes(edged.x, edged.facets)
+    if edged.x.shape[1] == 3:
         size[:] = size.mean()
     apart = np.median(cell_sizes(frame.x, frame.facets)) * PER_NODE[frame.facets.shape[1]]
     return 1 - k, np.maximum(np.round(size / apart), 1.0).astype(np.int64)
