@@ -17,7 +17,7 @@ VANISHES = 1e-6  # what is left of a sum of 1 where no forces press; of less rou
 DISCERNED = 1e-6  # of singular values, that tell a density
 AREALESS = 1e-9  # part of the largest area, that tells no density
 PULL = 1e-10  # part of the largest force below which a pull is rounding
-UNLOADED = 1e-6  # part of the largest normal force, as of which nodes count that nothing presses
+UNLOADED = 1e-9  # part of the largest force, which counts at nodes where nothing presses
 
 
 def with_reactions(
@@ -98,24 +98,25 @@ def with_reactions(
     held_by = Guides.of(nodes, operators.free, np.flatnonzero(guides & np.isin(nodes, nodes[at])))
     free = acting_on(operators.rows.dofs[at], held_by.without(nodes[at], operators.free[at]))
     fixed = hstack([block_diag(felt, format="csr")[at], free]).tocsr()
-    before, rounding = multiplier[at], PULL * np.abs(multiplier).max(initial=0.0)
+    before, size = multiplier[at], np.abs(multiplier).max(initial=0.0)
+    rounding = PULL * size
     multiplier = multiplier.copy()
     told = np.diff(fixed.indptr) > 0
-    for own in pieces(fixed):
-        if len(own) == 1 and told[own[0]]:  # its effect tells the force
-            continue
+    open_pieces = [own for own in pieces(fixed) if len(own) > 1 or not told[own[0]]]
+    for own in open_pieces:  # the effect of others tells their force
         to = at[own]
         aim = wanted[to]
         if not mixed[to].any():
             _, column = np.unique(densities[to], return_inverse=True)
             same, aim = areas[to, None] * np.eye(column.max() + 1)[column], next_to[to]
             aim = aim + _constant(fixed[own], multiplier[to] - aim, same)
-        given = fixed[own], multiplier[to], aim
-        multiplier[to] = _nearest(*given, presses[to], rounding)
-        if rubs[to].any():
-            pressed = np.where(rubs[to], np.maximum(multiplier[normal[to]], 0.0), 0.0)
-            of = np.where(rubs[to], np.sqrt(pressed / max(pressed.max(), 1e-300) + UNLOADED), 1.0)
-            scaled = (diags(of) @ given[0]).tocsr(), given[1] / of, given[2] / of
+        multiplier[to] = _nearest(fixed[own], multiplier[to], aim, presses[to], rounding)
+    for own in open_pieces:
+        to = at[own]
+        if rubs[to].any():  # by normal forces, which are told by now
+            pressed = np.maximum(multiplier[normal[to]], max(UNLOADED * size, 1e-300))
+            of = np.where(rubs[to], np.sqrt(pressed / pressed[rubs[to]].max()), 1.0)
+            scaled = (diags(of) @ fixed[own]).tocsr(), multiplier[to] / of, wanted[to] / of
             multiplier[to] = of * _nearest(*scaled, presses[to], rounding)
     more = (multiplier[at] - before)[:, None] * operators.free[at]
     multiplier[held_by.rows] -= held_by.told(nodes[at], more)
