@@ -56,7 +56,7 @@ def where_sharp(surfaces: Sequence[Surface]) -> tuple[int, Array] | None:
         surfaces: as drawn.
     """
     k = coarser(surfaces)
-    if [bool(edges(s.x, s.skin)[3].any()) for s in surfaces] != [k == 0, k == 1]:
+    if [bool(edges(s.x, s.facets)[3].any()) for s in surfaces] != [k == 0, k == 1]:
         return None
     edged, frame = surfaces[k], surfaces[1 - k]
     size = cell_sizes(edged.x, edged.facets)
