@@ -111,13 +111,12 @@ def with_reactions(
             same, aim = areas[to, None] * np.eye(column.max() + 1)[column], next_to[to]
             aim = aim + _constant(fixed[own], multiplier[to] - aim, same)
         multiplier[to] = _nearest(fixed[own], multiplier[to], aim, presses[to], rounding)
-    for own in open_pieces:
-        to = at[own]
-        if rubs[to].any():  # by normal forces, which are told by now
-            pressed = np.maximum(multiplier[normal[to]], max(UNLOADED * size, 1e-300))
-            of = np.where(rubs[to], np.sqrt(pressed / pressed[rubs[to]].max()), 1.0)
-            scaled = (diags(of) @ fixed[own]).tocsr(), multiplier[to] / of, wanted[to] / of
-            multiplier[to] = of * _nearest(*scaled, presses[to], rounding)
+    for own in open_pieces:  # friction by normal forces, which are told by now
+        own = own[rubs[at[own]]]
+        pressed = np.maximum(multiplier[normal[at[own]]], max(UNLOADED * size, 1e-300))
+        of = np.sqrt(pressed / pressed.max(initial=0.0))
+        free = ColumnSpace((diags(of) @ fixed[own]).tocsr()).without(multiplier[at[own]] / of)
+        multiplier[at[own]] -= of * free
     more = (multiplier[at] - before)[:, None] * operators.free[at]
     multiplier[held_by.rows] -= held_by.told(nodes[at], more)
     return multiplier
