@@ -28,6 +28,7 @@ from dolfinx_llm.geometry.overlap_flat import Plane, common_area, common_plane, 
 from dolfinx_llm.geometry.surface import Surface
 
 TOGETHER = 0.05  # [rad] by which both surfaces may turn against the plane of what may part
+SIDE_BY_SIDE = 1e-9  # of the surfaces' size: parts that overlap by less do not
 VICINITY = 0.05  # width of the surroundings of the nearest place, in the surfaces' radius
 
 
@@ -65,10 +66,9 @@ def touching_pieces(
     if not found.count[0] or not found.count[1]:
         return []
     everything = np.ones(sum(found.count), dtype=bool)
-    plane = found.plane(everything)
+    plane, groups = found.plane(everything), found.groups()
     if plane is not None:
-        return [found.piece(everything, plane)]
-    groups = found.groups()
+        return found.stacked_pieces(groups, plane) or [found.piece(everything, plane)]
     flat = found.flat_pieces(groups) or found.flat_pieces(found.flanks())
     return flat or [found.piece(everything, None, edges=found.smooth_parts() - len(groups))]
 
@@ -115,6 +115,18 @@ class _Found:
         if len(parts) < 2 or not all(planes):
             return []
         return [self.piece(part, plane) for part, plane in zip(parts, planes)]
+
+    def stacked_pieces(self, parts: list[Array], plane: Plane) -> list[Piece]:
+        """A piece for each of several parts that lie behind each other along the plane's normal, as
+        tops and undersides of a stack; none where no parts do."""
+        parts = [part for part in parts if len(set(self.side[part])) == 2]
+        both = [self.piece(part, None).parts(self.sides) for part in parts]
+        x = [[plane.project(side.x) for side in sides] for sides in both]
+        low = np.array([np.max([a.min(axis=0) for a in own], axis=0) for own in x])
+        high = np.array([np.min([a.max(axis=0) for a in own], axis=0) for own in x])
+        size = max(side.diameter for side in self.sides)
+        behind = (low[:, None] + SIDE_BY_SIDE * size < high[None]).all(axis=2)
+        return self.flat_pieces(parts) if np.triu(behind & behind.T, 1).any() else []
 
     def plane(self, which: Array) -> Plane | None:
         """The plane that does for some facets, if one does."""

@@ -210,11 +210,12 @@ def test_fine_meshes_take_no_more_iterations():
 
 
 def test_the_analysis_serves_again(monkeypatch):
-    """Few of the factorisations of two increments begin anew, though contact moves on."""
+    """Few of the factorisations of two increments begin anew, though contact moves on. No inner
+    nodes lie on each other: rounding would tell in which facet these are."""
     made = []
     real = system.DirectSolver
     monkeypatch.setattr(system, "DirectSolver", lambda *a, **k: made.append(1) or real(*a, **k))
-    problem = pressed((6, 9), material=(2000.0, 0.3, 300.0))
+    problem = pressed((5, 7), material=(2000.0, 0.3, 300.0))
     problem.solve(increments=2)
     assert len(made) <= len(problem.history) // 2
 

@@ -6,6 +6,9 @@ facets the others reproduce it to (pi / n)^4. It is therefore added to them. Els
 would be divided by the square of that number, and Newton's iteration would end at 1e-10, or not at
 all. Where a frame's normals tell no direction across it, as around a closed tube, all coordinates
 that they point along alike are added, at any order: else rounding would decide which is across.
+
+Connected parts of a frame, as tops of a stack, have functions of their own: each bears a force and
+a moment, and what corrections of one part cannot remove those of another do not.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from scipy.sparse.linalg import splu
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.sparse import diagonal
-from dolfinx_llm.geometry.cells import areas_around, unit
+from dolfinx_llm.geometry.cells import areas_around, connected, unit
 from dolfinx_llm.geometry.element import Element
 from dolfinx_llm.geometry.surface import Surface
 
@@ -50,9 +53,21 @@ def _along(element: Element) -> int:
 
 
 def chart_of(frame: Surface, forces: Array) -> Array:
-    """``chart`` of a surface as drawn; forces (m,) of unit pressure on what is covered [area]."""
-    normals = unit(areas_around(frame.x, frame.skin))
-    return chart(frame.x, normals, frame.element, forces)
+    """``chart`` of the parts of a surface as drawn, side by side; forces (m,) of unit pressure on
+    what is covered [area]."""
+    normals, part = unit(areas_around(frame.x, frame.skin)), parts_of(frame.cells, len(frame.x))
+    count = functions_of(frame.element)
+    found = np.zeros((len(part), count * (part.max() + 1)))
+    for k in range(part.max() + 1):
+        own = part == k
+        functions = chart(frame.x[own], normals[own], frame.element, forces[own])
+        found[own, k * count : (k + 1) * count] = functions
+    return found
+
+
+def parts_of(cells: Array, m: int) -> Array:
+    """(m,) connected part of each node of a frame with facets (f, k)."""
+    return connected(cells, m)[1]
 
 
 def chart(Y: Array, normals: Array, element: Element, forces: Array) -> Array:
@@ -112,18 +127,20 @@ def _orthogonal(root: Array, functions: Array) -> Array:
     return np.linalg.solve(triangle.T, functions.T).T
 
 
-def borne(control: Control, pressures: Array, forces: Array) -> Array:
+def borne(control: Control, pressures: Array, forces: Array, part: Array) -> Array:
     """(m, c) nodal forces of pressures with nodal values (m, c), where a unit pressure's are (m,).
 
     At second order control values are multiplied, E^T forces with C pressures. None of the first is
     negative: so no polynomial has forces that do no work on it, which those at nodes may cancel to
-    where a frame is covered in part.
+    where a frame is covered in part. Parts (m,) that nothing covers count as if all of them were.
 
     Args:
         control: E, C (m, m) of the frame, see ``finite.frame.sides``.
     """
     E, C = control
-    return np.asarray(C.T @ ((E.T @ forces)[:, None] * (C @ pressures)))
+    covered = np.bincount(part, forces != 0.0) > 0.0
+    own = np.where(covered[part], forces, 1.0)
+    return np.asarray(C.T @ ((E.T @ own)[:, None] * (C @ pressures)))
 
 
 def borne_by(control: Control, pressure: Array) -> csr_matrix:
@@ -132,9 +149,11 @@ def borne_by(control: Control, pressure: Array) -> csr_matrix:
     return C.T @ diagonal(C @ pressure) @ E.T
 
 
-def yielding(element: Element) -> Array:
-    """(c,) how much functions yield over a facet's area: that across, which others may tell."""
-    return np.where(np.arange(functions_of(element)) < _along(element), 0.0, FUNCTION_YIELDS)
+def yielding(element: Element, part: Array) -> Array:
+    """(c,) how much functions of all parts (m,) yield over a facet's area: that across, which
+    others may tell."""
+    own = np.where(np.arange(functions_of(element)) < _along(element), 0.0, FUNCTION_YIELDS)
+    return np.tile(own, part.max() + 1)
 
 
 def bordered(M: csr_matrix, G: Array, r: Array, soft: Array) -> tuple[Array, Array]:

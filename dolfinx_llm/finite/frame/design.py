@@ -33,7 +33,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item
 from dolfinx_llm.design.stencils import adjacency
-from dolfinx_llm.finite.frame.chart import bordered, borne, products, yielding
+from dolfinx_llm.finite.frame.chart import bordered, borne, parts_of, products, yielding
 from dolfinx_llm.finite.frame.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.frame.location import LocationDerivatives, OnFrame
 from dolfinx_llm.geometry.element import Element, element_of
@@ -117,6 +117,7 @@ class Design:
     stencils: Stencils
     facets: Array  # (f, k) of the frame
     element: Element  # of these
+    part: Array  # (m,) connected part of its nodes
     size: float  # h, of the chart of a stencil [length]
     control: tuple[csr_matrix, csr_matrix]  # E, C (m, m): see ``sides``
     wanted: bool = True  # False: rows stay as they are
@@ -126,13 +127,14 @@ class Design:
         """Design of a frame with nodes Y (m, gdim) as drawn."""
         span = np.linalg.norm(Y[facets] - np.roll(Y[facets], 1, axis=1), axis=2).max()
         element = element_of(Y.shape[1] - 1, facets.shape[1])
-        control = control_of(element, facets, len(Y))
-        return cls(Stencils.of(facets, len(Y)), facets, element, float(span), control, wanted)
+        part, control = parts_of(facets, len(Y)), control_of(element, facets, len(Y))
+        stencils = Stencils.of(facets, len(Y))
+        return cls(stencils, facets, element, part, float(span), control, wanted)
 
     @property
     def soft(self) -> Array:
         """(c,) how much functions of the chart yield [area]."""
-        return yielding(self.element) * self.size**self.element.dim
+        return yielding(self.element, self.part) * self.size**self.element.dim
 
     @property
     def bernstein(self) -> Array:
@@ -154,7 +156,7 @@ class Design:
             x: (n, gdim) nodes [length].
             y: (m, gdim) the frame's nodes [length].
             forces: (n,), (m,) of unit pressure on the common area [area].
-            chart: (m, c) of ``finite.frame.chart``.
+            chart: (m, c) of ``chart_of``.
 
         Raises:
             ContactError: the equations are singular.
@@ -163,8 +165,7 @@ class Design:
         nodes, window = self.stencils.nodes[at.facet], self.stencils.window[at.facet]
         N0 = np.einsum("nk,nks->ns", at.N, self.stencils.own[at.facet])
         plus = np.maximum(at.N @ self.bernstein, 0.0)
-        total = plus.sum(axis=1)
-        w = np.einsum("nk,nks->ns", plus, window) / total[:, None]
+        w = np.einsum("nk,nks->ns", plus, window) / (total := plus.sum(axis=1))[:, None]
         tangents = local_bases(at.normal)[:, :-1]
         arm = y[nodes] - x[:, None]
         along = np.einsum("nai,nsi->nas", tangents, arm) / self.size
@@ -176,10 +177,9 @@ class Design:
         P = -np.einsum("nsa,nat->nst", lift, CW)
         own = np.arange(w.shape[1])
         P[:, own, own] += w
-        M = assembled(forces[0][:, None, None] * P, nodes, m)
-        fy = forces[1]
-        M, G = self._held(M), borne(self.control, chart, fy if fy.any() else np.ones(m))
-        r = np.bincount(nodes.ravel(), (forces[0][:, None] * N0).ravel(), m) - fy
+        M = self._held(assembled(forces[0][:, None, None] * P, nodes, m))
+        M, G = self._held(M), borne(self.control, chart, forces[1], self.part)
+        r = np.bincount(nodes.ravel(), (forces[0][:, None] * N0).ravel(), m) - forces[1]
         mu, kappa = bordered(M, G, r, self.soft)
         t = np.einsum("nsa,ns->na", lift, mu[nodes])  # S⁻¹ C W mu
         v = mu[nodes] - np.einsum("nas,na->ns", C, t)

@@ -19,6 +19,7 @@ from dolfinx_llm.finite.frame.jacobians import NodalNormals, coordinates, jacobi
 from dolfinx_llm.geometry.cells import (
     CORNERS,
     cell_sizes,
+    connected,
     joined_lists,
     repeated_for,
     shape_functions,
@@ -36,6 +37,10 @@ MISSED = 1e3  # reference coordinates of what does not meet a facet
 FOCUS = 1e-9  # of a facet's size to the power of d: what is left where normals run together
 VAGUE = 0.1  # length of the mean of unit normals below which a facet's nodes tell no direction
 OPPOSITE = 1.4  # the same of n_J - n_p, where normals differ by 90 degrees
+BESIDE_IT = (
+    0.1  # of the height over a facet: what lies this near to one of another part of the frame
+)
+# meets that one, though beyond it; behind a facet, as under the top of a thin body, all of it
 BEHIND_IT = 0.5  # of a facet: what lies deeper behind one does not meet it, if it meets another
 ITERATIONS_TO_MEET = 15
 SETTLED = 1e-9  # last change of Newton's iteration: its square is rounding
@@ -78,7 +83,8 @@ def find_on_frame(
     normals: Array,
     own: Array | None = None,
 ) -> OnFrame:
-    """Where nodes meet a frame: within a facet, the nearest of these; else beyond the nearest.
+    """Where nodes meet a frame: within a facet, the nearest of these; else beyond the nearest. One
+    beyond the end of a part of the frame does not meet another part far from it, as of a stack.
 
     Args:
         x: (n, gdim) nodes [length].
@@ -133,17 +139,33 @@ def _nearest(
     alike = AS_HIGH * np.ptp(p, axis=1).max(initial=0.0)  # or rounding would choose at a frame node
     level = np.round(np.abs(height) / (alike or 1.0))
     order = np.lexsort((facet, level, away, which))
-    if own is not None:  # the other face of its own wall may be nearer than what a node faces
+    best = order[np.unique(which[order], return_index=True)[1]]
+    if own is None:
+        high = height * np.linalg.norm(_sums(N, n), axis=1)
+        best = _on_the_same_part(best, which, connected(facets, len(y))[0][facet], away, high)
+    else:  # the other face of its own wall may be nearer than what a node faces
         deep = (
             height * np.linalg.norm(_sums(N, n), axis=1) < -BEHIND_IT * cell_sizes(y, facets)[facet]
         )
         order = np.lexsort((facet, level, away, deep | ~met, which))
-    best = order[np.unique(which[order], return_index=True)[1]]
+        best = order[np.unique(which[order], return_index=True)[1]]
     mean = _sums(N, n if own is None else n + own[:, None] * ~met[:, None, None])[best]
     N, dN = shape_functions(facets.shape[1], xi[best])
     beyond = -foot[best].min(axis=1)
     found = OnFrame(facet[best], xi[best], N, dN, height[best], mean, met[best], beyond)
     return found, away[best]
+
+
+def _on_the_same_part(best: Array, which: Array, part: Array, away: Array, high: Array) -> Array:
+    """(n,) the best (n,) of what is tried (k,), or the nearest in space where that is of another
+    part of the frame and much nearer."""
+    if not part.any():
+        return best
+    space = np.where(np.isfinite(away), np.hypot(away, high), np.inf)
+    order = np.lexsort((space, which))
+    nearest = order[np.unique(which[order], return_index=True)[1]]
+    near = np.where(high[best] < 0.0, 1.0, BESIDE_IT) * np.abs(high[best])
+    return np.where((part[best] != part[nearest]) & (space[nearest] < near), nearest, best)
 
 
 def _of_corners(k: int, xi: Array) -> Array:

@@ -29,7 +29,7 @@ from scipy.sparse import bmat, csr_matrix, hstack, vstack
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item, summing
 from dolfinx_llm.design.rises import rises
-from dolfinx_llm.finite.frame.chart import borne_by, chart_of, functions_of
+from dolfinx_llm.finite.frame.chart import borne_by, chart_of
 from dolfinx_llm.finite.frame.curved_gap import raised, rounded_gap
 from dolfinx_llm.finite.frame.design import Design, DesignedRows
 from dolfinx_llm.finite.frame.design_loads import balanced_loads
@@ -120,7 +120,7 @@ class NormalContact(SlidesOnFrame):
     def counts(self) -> tuple[int, int, int]:
         """Numbers of forces, mu and kappa."""
         mover, carrier = self.sides.mover, self.sides.carrier
-        return len(mover.x), len(carrier.x), functions_of(self.design.element)
+        return len(mover.x), len(carrier.x), len(self.design.soft)
 
     @property
     def owner(self) -> Array:
