@@ -40,6 +40,8 @@ OUTER = 0.01  # weight of that ring: corrections far from a row's own nodes cost
 ROUNDS_MOST, SLOWER = (6, 40), (0.5, 0.98)
 RISES = 4  # rounds that leave more, by rounding, before what does not pass yet is given up
 RINGS = 4  # rings in the stencils of a side much coarser than the frame
+FARTHEST_RING = 8  # ... of one that is much coarser in one direction
+LOADED = 1e-9  # force of a frame node over the largest, from which on it is to balance
 
 
 def design_weights(
@@ -110,7 +112,7 @@ def balanced_rows(
     plain, rank = loading.residual(N), (np.inf, np.inf)
     enough = NARROW_LINE if loading.count > 1 and loading.s.shape[1] == 1 else NARROW
     best: tuple[Sequence[csr_matrix], Array, float] = N, plain, 0.0
-    for widths in widths_of(loading.s, N):
+    for widths in widths_of(loading.s, N, rings_across(frame, loading, N)):
         weights = [
             row_stencil_weights(M, ring, frame, width) for M, width in zip(N, widths, strict=True)
         ]
@@ -137,15 +139,42 @@ def balanced_rows(
     return found, most, change
 
 
-def widths_of(s: Array, N: Sequence[csr_matrix]) -> list[tuple[int, int]]:
+def widths_of(s: Array, N: Sequence[csr_matrix], across: int = 0) -> list[tuple[int, int]]:
     """Rings of nodes in the rows' stencils of both sides, in the order in which they are tried.
 
     A side whose facets are larger than the frame's cells presses on few of its nodes: its rows
-    must spread their force over about a facet, which rings of one cell cannot.
+    must spread their force over about a facet, which rings of one cell cannot. Facets may be so in
+    one direction alone: with too few rings rows have corrections of half an entry and more, and
+    see hardly anything of motions that bodies then have.
+
+    Args:
+        s: (m, d) the frame's nodes.
+        N: pair of (n_i, m) interpolation matrices.
+        across: of ``rings_across``, where it is known.
     """
     ratio = [(len(s) / M.shape[0]) ** (1.0 / s.shape[1]) for M in N]
     coarse = tuple(int(np.clip(round(r), 1, RINGS)) for r in ratio)
-    return list(dict.fromkeys([(1, 1), (coarse[0], coarse[1]), (2, 2)]))
+    found = [(1, 1), (coarse[0], coarse[1]), (2, 2)]
+    found += [(across + k, across + k) for k in (1, 2) if across > 0]
+    return list(dict.fromkeys(found))
+
+
+def rings_across(frame: Frame, loading: FrameLoads, N: Sequence[csr_matrix]) -> int:
+    """Rings of the frame's nodes from those that a side's rows (n_i, m) press on to all that are
+    loaded, of either side the most: 0 where the frame is as coarse as both in every direction."""
+    parts, m = frame.element.parts, len(loading.s)
+    next_to = adjacency(frame.cells[:, parts].reshape(-1, parts.shape[1]), m)
+    forces = [load.forces for load in loading.loads]
+    borne = np.max([abs(M.T @ f) for M, f in zip(N, forces, strict=True)], axis=0)
+    loaded, most = borne > LOADED * borne.max(), 0
+    for M, f in zip(N, forces, strict=True):
+        reached = np.asarray(abs(inner_part(M)).T @ (f > 0.0)) > 0.0
+        count = 0
+        while count < FARTHEST_RING and not (reached | ~loaded).all():
+            reached = np.asarray(next_to @ reached.astype(float)) > 0.0
+            count += 1
+        most = max(most, count)
+    return most
 
 
 def row_stencil_weights(N: csr_matrix, ring: csr_matrix, frame: Frame, width: int) -> csr_matrix:

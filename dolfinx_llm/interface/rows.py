@@ -25,7 +25,7 @@ from dolfinx_llm.design.line import check_closed_form
 from dolfinx_llm.design.outline import at_outline
 from dolfinx_llm.design.quadric import SmoothSurface
 from dolfinx_llm.design.residual import FrameLoads
-from dolfinx_llm.design.weights import TOLERANCE, balanced_rows
+from dolfinx_llm.design.weights import TOLERANCE, balanced_rows, rings_across
 from dolfinx_llm.geometry.cells import outline_edges, unit_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import Plane
@@ -37,6 +37,9 @@ log = logging.getLogger("dolfinx_llm")
 
 BALANCES = 1.0 / 3.0  # of the residual of coarse surfaces: rows that leave more are worse than none
 COARSE = 0.1  # vector residual of curved surfaces, from which on it is said
+FAR_FINER = (
+    2  # rings of frame nodes between a side's rows, from which on it is said: four times as fine
+)
 SHARES = (1.0, 0.5, 0.0)  # of the way to the places on the smooth surface that rows are tried with
 UNITY = 1e-9  # by which the sum of a row may differ from 1
 
@@ -232,6 +235,7 @@ def designed(
     if not designs:
         notes.append("design: left out, supports bear what does not balance")
     elif interface.design == "weights" or (interface.design == "auto" and before > TOLERANCE):
+        _say_long(interface, rings_across(frame, loading, N), notes)
         N, residual, change = _balanced(frame, loading, N, keep)
         pairs = [with_weights(p, M, frame) for p, M in zip(pairs, N)]
         notes.append("design: rows of L_b corrected (weights)")
@@ -245,6 +249,19 @@ def designed(
     size = max(p.surface.diameter for p in pairs)
     linear = max(np.abs(plane.project(p.x) - plane.project(p.x - p.gap)).max() for p in pairs)
     return pairs, Certificate(residual, before, singular, float(linear / size), change)
+
+
+def _say_long(interface: Interface, rings: int, notes: list[str]) -> None:
+    """Say of a frame that is far finer than a side, perhaps in one direction alone."""
+    if rings < FAR_FINER:
+        return
+    text = (
+        f"the frame is some {2 * rings} times as fine as one of the sides, perhaps in one "
+        "direction alone, as where cells are long across those of the other side: contact is as "
+        "coarse there. Take cells of like shape on both sides, at most three times as long as wide"
+    )
+    log.warning("interface %s: %s", interface.name, text)
+    notes.append(text)
 
 
 def _balanced(
