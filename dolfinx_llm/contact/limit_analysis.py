@@ -29,7 +29,8 @@ from dolfinx_llm.operators.motions import RigidMotions
 
 LEFT = 1e-6  # of the forces, that the programme may leave: it solves to seven digits
 PROGRAMMED = 10_000  # multipliers up to which it takes less than a solve
-BOUNDED = 4_000  # bounds of friction up to which it does
+BOUNDED = 4_000  # bounds of friction up to which it may
+PIVOTS = 1_000  # after so many it takes longer than what it would save, and is given up
 DIRECTIONS = 16  # of friction in the plane: its bound is the polygon about the circle
 
 
@@ -106,6 +107,7 @@ def _left(
             b_eq=np.concatenate([basis @ along, loads]),
             bounds=np.column_stack([np.r_[low, -free, 0.0], np.r_[high, free, np.inf]]),
             method="highs",
+            options={"maxiter": PIVOTS},
         )
 
     found = solved(drag - bear, limit)

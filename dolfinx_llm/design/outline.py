@@ -146,7 +146,8 @@ def _along_lines(
         for other in _edges_there(clamped, edges):
             edge_of[clamped.rows] = other
             also = spread(edge_of, W.indptr)[entries]
-            keep[entries] &= (also < 0) | _on_line(frame.x, edges, also, node, normal)
+            some = entries[there := also >= 0]
+            keep[some] &= _on_line(frame.x, edges, also[there], node[there], normal[there])
     return keep
 
 

@@ -40,6 +40,8 @@ OUTER = 0.01  # weight of that ring: corrections far from a row's own nodes cost
 ROUNDS_MOST, SLOWER = (6, 40), (0.5, 0.98)
 RISES = 4  # rounds that leave more, by rounding, before what does not pass yet is given up
 RINGS = 4  # rings in the stencils of a side much coarser than the frame
+# Correction up to which rings by the number of nodes alone do, and those that are as few as may be.
+TOO_LARGE, FAIR = 0.35, 0.25
 FARTHEST_RING = 8  # ... of one that is much coarser in one direction
 LOADED = 1e-9  # force of a frame node over the largest, from which on it is to balance
 
@@ -112,9 +114,14 @@ def balanced_rows(
     plain, rank = loading.residual(N), (np.inf, np.inf)
     enough = NARROW_LINE if loading.count > 1 and loading.s.shape[1] == 1 else NARROW
     best: tuple[Sequence[csr_matrix], Array, float] = N, plain, 0.0
-    for widths in widths_of(loading.s, N, rings_across(frame, loading, N)):
+    widths = widths_of(loading.s, N)
+    wider = wider_than(rings_across(frame, loading, N))
+    for at, rings in enumerate([*widths, *wider]):
+        fair = TOO_LARGE if at == len(widths) else FAIR
+        if at >= len(widths) and rank[0] <= allowed and rank[1] <= fair:
+            break
         weights = [
-            row_stencil_weights(M, ring, frame, width) for M, width in zip(N, widths, strict=True)
+            row_stencil_weights(M, ring, frame, width) for M, width in zip(N, rings, strict=True)
         ]
         found, left, change = _corrected(loading, N, plain, keep, weights)
         most = float(np.abs(left).max())
@@ -139,24 +146,21 @@ def balanced_rows(
     return found, most, change
 
 
-def widths_of(s: Array, N: Sequence[csr_matrix], across: int = 0) -> list[tuple[int, int]]:
+def widths_of(s: Array, N: Sequence[csr_matrix]) -> list[tuple[int, int]]:
     """Rings of nodes in the rows' stencils of both sides, in the order in which they are tried.
 
     A side whose facets are larger than the frame's cells presses on few of its nodes: its rows
-    must spread their force over about a facet, which rings of one cell cannot. Facets may be so in
-    one direction alone: with too few rings rows have corrections of half an entry and more, and
-    see hardly anything of motions that bodies then have.
-
-    Args:
-        s: (m, d) the frame's nodes.
-        N: pair of (n_i, m) interpolation matrices.
-        across: of ``rings_across``, where it is known.
+    must spread their force over about a facet, which rings of one cell cannot.
     """
     ratio = [(len(s) / M.shape[0]) ** (1.0 / s.shape[1]) for M in N]
     coarse = tuple(int(np.clip(round(r), 1, RINGS)) for r in ratio)
-    found = [(1, 1), (coarse[0], coarse[1]), (2, 2)]
-    found += [(across + k, across + k) for k in (1, 2) if across > 0]
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys([(1, 1), (coarse[0], coarse[1]), (2, 2)]))
+
+
+def wider_than(across: int) -> list[tuple[int, int]]:
+    """The same where facets are larger in one direction alone, of ``rings_across``, for corrections
+    that are ``TOO_LARGE`` with fewer: rows see hardly anything of motions that bodies then have."""
+    return [(across + k, across + k) for k in (1, 2) if across > 0]
 
 
 def rings_across(frame: Frame, loading: FrameLoads, N: Sequence[csr_matrix]) -> int:

@@ -105,14 +105,15 @@ def _clearance(contact: MovingContact, z: Array, now: Place) -> tuple[float, Arr
 
 
 def missed(contact: MovingContact, t: ContactTerms, size: float) -> list[str]:
-    """Of laws that iterations do not meet any nearer; size of facets, by which that is judged."""
+    """Of laws that iterations meet no nearer, by rounding or where supports hold both sides; size
+    of facets, by which that is judged."""
     left = np.abs(t.rest).max(initial=0.0) / size
     if left <= UNSAID:
         return []
     return [
         f"{' on '.join(surface.name for surface in contact.sides.surfaces)}: what contact and "
-        f"friction ask for stays missed by {left:.0e} of a facet. Supports hold both sides in the "
-        "contact, and forces at the nodes there are not unique: leave one side free along it"
+        f"friction ask for stays missed by {left:.0e} of a facet. Where supports hold both sides "
+        "in the contact, forces at the nodes are not unique: leave one side free along it"
     ]
 
 

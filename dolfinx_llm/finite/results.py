@@ -67,6 +67,12 @@ class MovingSideResult:
         """(n, gdim) displacements [length]."""
         return self.x - self.X
 
+    @property
+    def tangential_force(self) -> Array:
+        """(n, gdim) part of ``force`` across the normal now [force]."""
+        along = np.einsum("ni,ni->n", self.force, self.normal)
+        return self.force - along[:, None] * self.normal
+
 
 @dataclass(frozen=True, eq=False)
 class MovingInterfaceResult(InterfaceForces):

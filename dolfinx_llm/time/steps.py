@@ -26,6 +26,7 @@ from dolfinx_llm.time.pulls import Pulls
 from dolfinx_llm.time.starting import Starting
 
 NO_PULL = 1e-9  # of the force that stops a node in a step: pulls by less are rounding
+GAP_ROUNDED = 1e-9  # of what bodies have moved by: gaps below are rounding
 LATEST_PART = 0.95  # of a step: what comes after it is not worth a step of its own
 
 
@@ -40,12 +41,13 @@ class Touch:
     largest: float  # largest of the forces so far [force]
 
     @classmethod
-    def of(cls, results: Sequence[Any], kinetic: float, before: Touch) -> Touch:
+    def of(cls, results: Sequence[Any], kinetic: float, moved: float, before: Touch) -> Touch:
         """At the end of a step.
 
         Args:
             results: of the interfaces that may part.
             kinetic: energy now [force length].
+            moved: by what bodies have, at most [length]: at rest both energies are rounding.
             before: at its start.
         """
         sides = [side for result in results for side in result.sides]
@@ -53,7 +55,7 @@ class Touch:
         force = np.concatenate([np.zeros(0), *(s.normal_force for s in sides)])
         pressing = np.concatenate([np.zeros(0), *(s.pressing for s in sides)])
         largest = max(before.largest, float(force.max(initial=0.0)))
-        gap = np.where(np.isfinite(gap), gap, 0.0)
+        gap = np.where(np.isfinite(gap) & (gap > GAP_ROUNDED * moved), gap, 0.0)
         return cls(gap, force, pressing, max(before.kinetic, kinetic), largest)
 
     def divides(self, before: Touch, part: float, least: float) -> float:
@@ -136,11 +138,13 @@ class Steps(Starting):
             return self._touch, 0.0
         v = self._values(self._v)
         momentum = times(self._M, v)
-        found = self.comm.allgather((float(v @ momentum), float(np.abs(momentum).max(initial=0.0))))
-        kinetic, fastest = 0.5 * sum(e for e, _ in found), max(p for _, p in found)
+        most = (float(np.abs(a).max(initial=0.0)) for a in (momentum, self._values(self._u)))
+        found = self.comm.allgather((float(v @ momentum), *most))
+        kinetic = 0.5 * sum(energy for energy, *_ in found)
+        fastest, moved = np.max([most for _, *most in found], axis=0)
         of = zip(self.problem.interfaces, self.problem.results, strict=True)
         results = [result for i, result in of if i.law.opens and not i.law.gives]
-        touch = Touch.of(results, kinetic, self._touch)
+        touch = Touch.of(results, kinetic, moved, self._touch)
         at = touch.divides(self._touch, self._adaptive, NO_PULL * fastest / self.dt)
         return touch, told(self.comm, at)
 

@@ -29,6 +29,12 @@ def test_constants(finite, rigid):
     # At finite deformation T and N are told by axes, not by the surface's normals.
     assert abs(first - 0.3) < (2e-3 if finite else 1e-9)
     assert abs(found - 0.1) < (2e-3 if finite else 1e-9)
+    for side in slider.problem.results[0].sides:
+        pressed = side.normal_force > 0.0
+        normal = side.normal_force[:, None] * side.normal
+        assert np.allclose((normal + side.tangential_force)[pressed], side.force[pressed])
+        drag = np.linalg.norm(side.tangential_force, axis=1)
+        assert abs(drag.sum() / side.normal_force.sum() - 0.1) < 1e-4
 
 
 def test_arrays_and_functions():
