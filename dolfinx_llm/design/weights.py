@@ -40,9 +40,9 @@ OUTER = 0.01  # weight of that ring: corrections far from a row's own nodes cost
 ROUNDS_MOST, SLOWER = (6, 40), (0.5, 0.98)
 RISES = 4  # rounds that leave more, by rounding, before what does not pass yet is given up
 RINGS = 4  # rings in the stencils of a side much coarser than the frame
+FARTHEST_RING = 8  # ... of one that is much coarser in one direction
 # Correction up to which rings by the number of nodes alone do, and those that are as few as may be.
 TOO_LARGE, FAIR = 0.35, 0.25
-FARTHEST_RING = 8  # ... of one that is much coarser in one direction
 LOADED = 1e-9  # force of a frame node over the largest, from which on it is to balance
 
 

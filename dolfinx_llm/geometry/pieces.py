@@ -120,6 +120,8 @@ class _Found:
         """A piece for each of several parts that lie behind each other along the plane's normal, as
         tops and undersides of a stack; none where no parts do."""
         parts = [part for part in parts if len(set(self.side[part])) == 2]
+        if len(parts) < 2:
+            return []
         both = [self.piece(part, None).parts(self.sides) for part in parts]
         x = [[plane.project(side.x) for side in sides] for sides in both]
         low = np.array([np.max([a.min(axis=0) for a in own], axis=0) for own in x])

@@ -127,9 +127,8 @@ class Design:
         """Design of a frame with nodes Y (m, gdim) as drawn."""
         span = np.linalg.norm(Y[facets] - np.roll(Y[facets], 1, axis=1), axis=2).max()
         element = element_of(Y.shape[1] - 1, facets.shape[1])
-        part, control = parts_of(facets, len(Y)), control_of(element, facets, len(Y))
-        stencils = Stencils.of(facets, len(Y))
-        return cls(stencils, facets, element, part, float(span), control, wanted)
+        of = Stencils.of(facets, len(Y)), facets, element, parts_of(facets, len(Y))
+        return cls(*of, float(span), control_of(element, facets, len(Y)), wanted)
 
     @property
     def soft(self) -> Array:
@@ -165,7 +164,8 @@ class Design:
         nodes, window = self.stencils.nodes[at.facet], self.stencils.window[at.facet]
         N0 = np.einsum("nk,nks->ns", at.N, self.stencils.own[at.facet])
         plus = np.maximum(at.N @ self.bernstein, 0.0)
-        w = np.einsum("nk,nks->ns", plus, window) / (total := plus.sum(axis=1))[:, None]
+        total = plus.sum(axis=1)
+        w = np.einsum("nk,nks->ns", plus, window) / total[:, None]
         tangents = local_bases(at.normal)[:, :-1]
         arm = y[nodes] - x[:, None]
         along = np.einsum("nai,nsi->nas", tangents, arm) / self.size
@@ -178,7 +178,7 @@ class Design:
         own = np.arange(w.shape[1])
         P[:, own, own] += w
         M = self._held(assembled(forces[0][:, None, None] * P, nodes, m))
-        M, G = self._held(M), borne(self.control, chart, forces[1], self.part)
+        G = borne(self.control, chart, forces[1], self.part)
         r = np.bincount(nodes.ravel(), (forces[0][:, None] * N0).ravel(), m) - forces[1]
         mu, kappa = bordered(M, G, r, self.soft)
         t = np.einsum("nsa,ns->na", lift, mu[nodes])  # S⁻¹ C W mu

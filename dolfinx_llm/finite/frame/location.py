@@ -37,10 +37,9 @@ MISSED = 1e3  # reference coordinates of what does not meet a facet
 FOCUS = 1e-9  # of a facet's size to the power of d: what is left where normals run together
 VAGUE = 0.1  # length of the mean of unit normals below which a facet's nodes tell no direction
 OPPOSITE = 1.4  # the same of n_J - n_p, where normals differ by 90 degrees
-BESIDE_IT = (
-    0.1  # of the height over a facet: what lies this near to one of another part of the frame
-)
-# meets that one, though beyond it; behind a facet, as under the top of a thin body, all of it
+# Of the height over a facet: what lies as near to one of another part of the frame meets that one,
+# though beyond it; behind a facet, as under the top of a thin body, all of its depth.
+BESIDE_IT = 0.1
 BEHIND_IT = 0.5  # of a facet: what lies deeper behind one does not meet it, if it meets another
 ITERATIONS_TO_MEET = 15
 SETTLED = 1e-9  # last change of Newton's iteration: its square is rounding
