@@ -156,11 +156,15 @@ def yielding(element: Element, part: Array) -> Array:
     return np.tile(own, part.max() + 1)
 
 
-def bordered(M: csr_matrix, G: Array, r: Array, soft: Array) -> tuple[Array, Array]:
-    """mu and kappa of M mu + G kappa = r, Gᵀ mu = soft kappa; refined once.
+def bordered(M: csr_matrix, faint: float, G: Array, r: Array, soft: Array) -> tuple[Array, Array]:
+    """mu and kappa of (M - faint) mu + G kappa = r, Gᵀ mu = soft kappa, but for parts of a frame
+    that no row connects with others: their residuals have moments that ``faint`` alone bears, as
+    of places that bend, and press apart from each other. With less of it mu is so large there that
+    rounding tells the corrections. One refinement is without it.
 
     Args:
         M: (m, m) of ``finite.frame.design`` [area].
+        faint: added to its diagonal [area].
         G: (m, c) what the chart's functions bear: see ``borne`` [area].
         r: (m,) residual [area].
         soft: (c,) how much functions yield [area].
@@ -176,5 +180,7 @@ def bordered(M: csr_matrix, G: Array, r: Array, soft: Array) -> tuple[Array, Arr
             f"(SuperLU: {error}). Check that the surfaces face each other"
         ) from None
     x = factor.solve(b)
-    x += factor.solve(b - A @ x)
+    left = b - A @ x
+    left[: len(r)] += faint * x[: len(r)]
+    x += factor.solve(left)
     return x[: len(r)], x[len(r) :]

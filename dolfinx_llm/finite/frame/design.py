@@ -45,7 +45,7 @@ CORRECTED = 0.4  # correction of an entry that a row bears
 RAISED = 1.7e-3  # by which corrections may move its place along the normal, over facet size, in 2D
 BORNE_WHOLE = 0.75  # of that, up to which they are borne whole
 UNREACHED = 1e-12  # diagonal entry of M over the largest, of nodes that no row reaches
-FAINT = 1e-13  # added to it, over the largest: for parts of a frame that touch nothing else
+FAINT = 1e-10  # added to it, over the largest: for parts of a frame that share no row with others
 UNDESIGNED = 1e12  # the same, where rows stay as they are
 
 
@@ -177,10 +177,10 @@ class Design:
         P = -np.einsum("nsa,nat->nst", lift, CW)
         own = np.arange(w.shape[1])
         P[:, own, own] += w
-        M = self._held(assembled(forces[0][:, None, None] * P, nodes, m))
+        M, faint = self._held(assembled(forces[0][:, None, None] * P, nodes, m))
         G = borne(self.control, chart, forces[1], self.part)
         r = np.bincount(nodes.ravel(), (forces[0][:, None] * N0).ravel(), m) - forces[1]
-        mu, kappa = bordered(M, G, r, self.soft)
+        mu, kappa = bordered(M, faint, G, r, self.soft)
         t = np.einsum("nsa,ns->na", lift, mu[nodes])  # S⁻¹ C W mu
         v = mu[nodes] - np.einsum("nas,na->ns", C, t)
         delta = -w * v
@@ -194,13 +194,13 @@ class Design:
         taken, pressure = borne_part[:, None] * delta, chart @ kappa
         return DesignedRows(nodes, N0 + taken, taken, N0 + delta, M, G, mu, pressure, parts)
 
-    def _held(self, M: csr_matrix) -> csr_matrix:
-        """M with pins at nodes that no row reaches."""
+    def _held(self, M: csr_matrix) -> tuple[csr_matrix, float]:
+        """M with pins at nodes that no row reaches, and what it has beyond itself elsewhere."""
         own = M.diagonal()
         largest = float(own.max(initial=0.0)) or 1.0  # nothing is covered: mu is 0
-        reached = own > UNREACHED * largest
-        added = FAINT if self.wanted else UNDESIGNED
-        return M + diagonal(np.where(reached, added * largest, largest))
+        added = largest * (FAINT if self.wanted else UNDESIGNED)
+        pins = np.where(own > UNREACHED * largest, added, largest)
+        return M + diagonal(pins), added if self.wanted else 0.0
 
     def _borne_part(self, delta: Array, height: Array) -> tuple[Array, Array, Array, Array]:
         """Part c of each row's corrections that it bears, so that no entry changes and no
