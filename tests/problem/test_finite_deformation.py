@@ -209,17 +209,6 @@ def test_fine_meshes_take_no_more_iterations():
     assert residuals[1] < 10.0 * residuals[0] ** 2 and residuals[2] < 1e-11
 
 
-def test_the_analysis_serves_again(monkeypatch):
-    """Few of the factorisations of two increments begin anew, though contact moves on. No inner
-    nodes lie on each other: rounding would tell in which facet these are."""
-    made = []
-    real = system.DirectSolver
-    monkeypatch.setattr(system, "DirectSolver", lambda *a, **k: made.append(1) or real(*a, **k))
-    problem = pressed((5, 7), material=(2000.0, 0.3, 300.0))
-    problem.solve(increments=2)
-    assert len(made) <= len(problem.history) // 2
-
-
 def test_stretches_of_the_demo_are_known():
     for material, known in STRETCHES.items():
         young, poisson, q = material
@@ -242,6 +231,17 @@ def turned(law, angle, order=(LOW, HIGH), shift=0.05):
     problem = llm.NonlinearContactProblem(F, u, bcs=[bc], interfaces=[interface])
     problem.solve()
     return problem, [side.force @ R for side in problem.results[0].sides]
+
+
+@pytest.mark.parametrize("law", [llm.Tied(), llm.Frictionless(), llm.Coulomb(0.3)])
+def test_the_analysis_serves_again(law, monkeypatch):
+    """Few of the factorisations begin anew, though contact moves on. Stress is uneven: where it is
+    not, rounding tells which entries vanish."""
+    made = []
+    real = system.DirectSolver
+    monkeypatch.setattr(system, "DirectSolver", lambda *a, **k: made.append(1) or real(*a, **k))
+    problem, _ = turned(law, 0.4)
+    assert len(made) <= len(problem.history) // 2
 
 
 @pytest.mark.parametrize(
