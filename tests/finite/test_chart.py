@@ -72,5 +72,5 @@ def test_parts_that_share_no_row():
     r = np.random.default_rng(4).standard_normal(12)
     held = csr_matrix(removes + FAINT * np.eye(12))
     mu, kappa = bordered(held, FAINT, G, r, np.zeros(2))
-    assert np.abs(removes @ mu - removes @ (r - G @ kappa)).max() < 1e-5
+    assert np.abs(removes @ mu - removes @ (r - G @ kappa)).max() < 1e-4
     assert np.abs(G.T @ mu).max() < 1e-5 * np.abs(mu).max()
