@@ -44,6 +44,12 @@ def warn(comm: MPI.Comm, told: Sequence[str], before: Sequence[str]) -> None:
         log.log(logging.INFO if _without_numbers(words) in known else logging.WARNING, words)
 
 
+def warn_of(name: str, text: str, notes: list[str]) -> None:
+    """Warn of an interface, and keep the text among its notes, which ``print(problem)`` shows."""
+    log.warning("interface %s: %s", name, text)
+    notes.append(text)
+
+
 def _without_numbers(words: str) -> str:
     """Words with the numbers after their head left out."""
     head, colon, rest = words.partition(": ")

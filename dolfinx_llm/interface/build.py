@@ -11,7 +11,7 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.base.log import log
+from dolfinx_llm.base.log import log, warn_of
 from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.base.timing import Clock
 from dolfinx_llm.design.rises import rises
@@ -231,8 +231,7 @@ def _say_straight(side: Surface, name: str, notes: list[str]) -> None:
             "pressures are those of such facets. Make the mesh one of second order, as by gmsh's "
             "setOrder(2)"
         )
-        log.warning("interface %s: %s", name, text)
-        notes.append(text)
+        warn_of(name, text, notes)
 
 
 def scalar_pairs(pairs: ContactPairs) -> ContactPairs:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -11,6 +10,7 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.log import warn_of
 from dolfinx_llm.design.balance import balance
 from dolfinx_llm.design.bent import bent_normals, bent_rows, from_smooth
 from dolfinx_llm.design.curved import (
@@ -33,13 +33,9 @@ from dolfinx_llm.geometry.pairs import ContactPairs, rank_certificate, with_weig
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.join import Certificate, Part
 
-log = logging.getLogger("dolfinx_llm")
-
 BALANCES = 1.0 / 3.0  # of the residual of coarse surfaces: rows that leave more are worse than none
 COARSE = 0.1  # vector residual of curved surfaces, from which on it is said
-FAR_FINER = (
-    2  # rings of frame nodes between a side's rows, from which on it is said: four times as fine
-)
+FAR_FINER = 2  # rings of frame nodes between a side's rows, 4 times as fine: from there it is said
 SHARES = (1.0, 0.5, 0.0)  # of the way to the places on the smooth surface that rows are tried with
 UNITY = 1e-9  # by which the sum of a row may differ from 1
 
@@ -144,8 +140,7 @@ def say_left(interface: Interface, part: Part, notes: list[str]) -> None:
             f"area, above {COARSE:g}; stresses next to the interface are off by about as much. "
             "Refine both meshes along it"
         )
-        log.warning("interface %s: %s", interface.name, text)
-        notes.append(text)
+        warn_of(interface.name, text, notes)
     if not interface.law.opens:
         gap = max(np.abs(np.einsum("ni,ni->n", p.gap, p.normal)).max() for p in part.pairs)
         kept = "is kept, tied as drawn without stress"
@@ -260,8 +255,7 @@ def _say_long(interface: Interface, rings: int, notes: list[str]) -> None:
         "direction alone, as where cells are long across those of the other side: contact is as "
         "coarse there. Take cells of like shape on both sides, at most three times as long as wide"
     )
-    log.warning("interface %s: %s", interface.name, text)
-    notes.append(text)
+    warn_of(interface.name, text, notes)
 
 
 def _balanced(

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from dolfinx_llm.base import compat
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.base.log import log
+from dolfinx_llm.base.log import warn_of
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.design.rises import ROUND
 from dolfinx_llm.geometry.cells import unit_normals
@@ -162,8 +162,7 @@ def say_straight(interface: Interface, sides: Sequence[Surface], notes: list[str
                 "second-order bodies feel its edges. Give the mesh second order as well "
                 "(gmsh.model.mesh.setOrder(2))"
             )
-            log.warning("interface %s: %s", interface.name, text)
-            notes.append(text)
+            warn_of(interface.name, text, notes)
 
 
 def places(whole: Surface, part: Surface) -> Array:

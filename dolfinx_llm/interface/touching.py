@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.base.log import log
+from dolfinx_llm.base.log import log, warn_of
 from dolfinx_llm.geometry.cells import areas_around, unit_normals, vector_areas
 from dolfinx_llm.geometry.facing import TURN, Separation, separation
 from dolfinx_llm.geometry.overlap_curved import is_flat, vector_areas_in_contact
@@ -53,8 +53,7 @@ def find_pieces(
             f"the facets that face each other meet at {edges} sharp edge(s), where the contact "
             "normal is rounded off: forces there are not exact. Tag one face of the edge only"
         )
-        log.warning("interface %s: %s", name, text)
-        notes.append(text)
+        warn_of(name, text, notes)
     return pieces, rims
 
 

@@ -55,7 +55,7 @@ def _along(element: Element) -> int:
 def chart_of(frame: Surface, forces: Array) -> Array:
     """``chart`` of the parts of a surface as drawn, side by side; forces (m,) of unit pressure on
     what is covered [area]."""
-    normals, part = unit(areas_around(frame.x, frame.skin)), parts_of(frame.cells, len(frame.x))
+    normals, part = unit(areas_around(frame.x, frame.skin)), connected(frame.cells, len(frame.x))[1]
     count = functions_of(frame.element)
     found = np.zeros((len(part), count * (part.max() + 1)))
     for k in range(part.max() + 1):
@@ -63,11 +63,6 @@ def chart_of(frame: Surface, forces: Array) -> Array:
         functions = chart(frame.x[own], normals[own], frame.element, forces[own])
         found[own, k * count : (k + 1) * count] = functions
     return found
-
-
-def parts_of(cells: Array, m: int) -> Array:
-    """(m,) connected part of each node of a frame with facets (f, k)."""
-    return connected(cells, m)[1]
 
 
 def chart(Y: Array, normals: Array, element: Element, forces: Array) -> Array:

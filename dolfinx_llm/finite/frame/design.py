@@ -33,9 +33,10 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item
 from dolfinx_llm.design.stencils import adjacency
-from dolfinx_llm.finite.frame.chart import bordered, borne, parts_of, products, yielding
+from dolfinx_llm.finite.frame.chart import bordered, borne, products, yielding
 from dolfinx_llm.finite.frame.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.frame.location import LocationDerivatives, OnFrame
+from dolfinx_llm.geometry.cells import connected
 from dolfinx_llm.geometry.element import Element, element_of
 from dolfinx_llm.geometry.loads import assembled
 from dolfinx_llm.geometry.overlap_flat import local_bases
@@ -127,7 +128,7 @@ class Design:
         """Design of a frame with nodes Y (m, gdim) as drawn."""
         span = np.linalg.norm(Y[facets] - np.roll(Y[facets], 1, axis=1), axis=2).max()
         element = element_of(Y.shape[1] - 1, facets.shape[1])
-        of = Stencils.of(facets, len(Y)), facets, element, parts_of(facets, len(Y))
+        of = Stencils.of(facets, len(Y)), facets, element, connected(facets, len(Y))[1]
         return cls(*of, float(span), control_of(element, facets, len(Y)), wanted)
 
     @property
@@ -196,10 +197,9 @@ class Design:
 
     def _held(self, M: csr_matrix) -> tuple[csr_matrix, float]:
         """M with pins at nodes that no row reaches, and what it has beyond itself elsewhere."""
-        own = M.diagonal()
-        largest = float(own.max(initial=0.0)) or 1.0  # nothing is covered: mu is 0
+        largest = float(M.diagonal().max(initial=0.0)) or 1.0  # nothing is covered: mu is 0
         added = largest * (FAINT if self.wanted else UNDESIGNED)
-        pins = np.where(own > UNREACHED * largest, added, largest)
+        pins = np.where(M.diagonal() > UNREACHED * largest, added, largest)
         return M + diagonal(pins), added if self.wanted else 0.0
 
     def _borne_part(self, delta: Array, height: Array) -> tuple[Array, Array, Array, Array]:

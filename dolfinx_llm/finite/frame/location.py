@@ -96,8 +96,9 @@ def find_on_frame(
     p, tried = y[facets], min(TRIED[gdim], len(facets))
     tree = cKDTree(p.mean(axis=1))
     near = tree.query(x, k=tried)[1].reshape(n, tried)
+    part = connected(facets, len(y))[0]
     found, away = _nearest(
-        x, y, facets, (normals, own), np.repeat(np.arange(n), tried), near.ravel()
+        x, y, facets, part, (normals, own), np.repeat(np.arange(n), tried), near.ravel()
     )
     rest = np.flatnonzero(away > 0.0)  # beyond all of them: over a long facet, or over none
     if len(rest) and tried < len(facets):
@@ -106,7 +107,7 @@ def find_on_frame(
         which = np.concatenate([np.arange(len(rest)), repeated_for(np.arange(len(rest)), around)])
         facet = np.concatenate([found.facet[rest], joined_lists(around)])
         of = normals, None if own is None else own[rest]
-        again, _ = _nearest(x[rest], y, facets, of, which, facet)
+        again, _ = _nearest(x[rest], y, facets, part, of, which, facet)
         fields = {name: np.array(getattr(found, name)) for name in found.__dataclass_fields__}
         for name, value in fields.items():
             value[rest] = getattr(again, name)
@@ -118,6 +119,7 @@ def _nearest(
     x: Array,
     y: Array,
     facets: Array,
+    part: Array,
     normals: tuple[Array, Array | None],
     which: Array,
     facet: Array,
@@ -141,7 +143,7 @@ def _nearest(
     best = order[np.unique(which[order], return_index=True)[1]]
     if own is None:
         high = height * np.linalg.norm(_sums(N, n), axis=1)
-        best = _on_the_same_part(best, which, connected(facets, len(y))[0][facet], away, high)
+        best = _on_the_same_part(best, which, part[facet], away, high)
     else:  # the other face of its own wall may be nearer than what a node faces
         deep = (
             height * np.linalg.norm(_sums(N, n), axis=1) < -BEHIND_IT * cell_sizes(y, facets)[facet]
