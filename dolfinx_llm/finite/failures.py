@@ -20,6 +20,9 @@ NO_MOTION = 1e-12  # of a cell: motion in an iteration that is none
 WAITS_STILL = 2  # iterations without any, after which there will be none
 LEFT_OVER = 1e-6  # relative residual that is not rounding
 NOISE_LEFT, WAITS_LOW = 1e-9, 6  # one that is, after so many iterations on end with no larger one
+STUCK = 0.9  # part of the last residual above which an iteration has brought nothing
+LINGERS = 1e-8  # relative: what laws may be missed by if it stays so, as at supports of both sides
+LOWS, LOWER = 3, 0.1  # or is so little so often, and goes no lower
 AS_FAR = 10.0  # times as far as bodies are large and driven, by which none comes that is held
 FLIES = 1e6  # cells, by which no body moves in an iteration that something holds
 
@@ -127,6 +130,8 @@ class Going:
     still: int = 0  # iterations on end in which nothing has moved or changed
     low: int = 0  # iterations on end with a residual of rounding, and no change
     errors: tuple[float, ...] = ()  # of the last iterations
+    rest: float = np.inf  # what laws were missed by after the last one
+    lows: tuple[float, ...] = ()  # the same after all, where it was little
 
     @property
     def noise(self) -> float:
@@ -140,6 +145,16 @@ class Going:
         neither side of which their linear models are equilibria."""
         goes_to_and_fro = comes_back(self.errors, 2) and not comes_back(self.errors, 1)
         return 0.5 if goes_to_and_fro else 1.0
+
+    def lingers(self, rest: float) -> bool:
+        """See what laws are missed by after an iteration [relative]: whether it is little, and no
+        less than after the last one, or little again and again, as where solves for next to nothing
+        go far along what is singular."""
+        before, self.rest = self.rest, rest
+        if rest >= LINGERS:
+            return False
+        least, self.lows = min(self.lows, default=np.inf), (*self.lows, rest)
+        return rest > STUCK * before or (len(self.lows) >= LOWS and rest > LOWER * least)
 
     def stopped(self, far: float, changes: int, error: float) -> bool:
         """See another iteration that has not come to rest: whether none will.

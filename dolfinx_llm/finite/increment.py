@@ -11,7 +11,7 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective, told
-from dolfinx_llm.finite.failures import check_solution, failing, inside_out
+from dolfinx_llm.finite.failures import STUCK, check_solution, failing, inside_out
 from dolfinx_llm.finite.falling import caught, falling, flight
 from dolfinx_llm.finite.linear.parts import Part
 from dolfinx_llm.finite.load_step import (
@@ -39,8 +39,6 @@ CONVERGED = 1e-11  # residual over the largest force, and gap over the size of f
 ROUNDED = 4e-15  # residual over stiffness times length: stresses near 1 + grad u = 1 are rounded
 NO_GAP = 1e-11  # gap over facet size that is none
 DOUBTS = 1e-3  # pull over the largest force, below the residual, that parts no pair
-STUCK = 0.9  # part of the last residual above which an iteration has brought nothing
-LINGERS = 1e-8  # relative: what laws may be missed by if it stays so, as at supports of both sides
 SLIDES = 0.5  # of a facet, in an iteration, up to which derivatives of rows and areas hold
 TRUSTED = 0.03  # residual, relative, below which slip has its exact derivative
 TELLING = 0.3  # residual, relative, up to which the linear model tells which pairs touch at first
@@ -111,11 +109,11 @@ class Increment:
 
     def evaluate(self) -> None:
         """Contact, loads and residual at the displacement as it is."""
-        least = STUCK * self.error, STUCK * self.rest
+        before = self.error
         with self.steps.times.timed("contact"), failing():
             self._contact()
         self.balance()
-        self.stuck, self.lingers = self.error > least[0], self.rest > least[1]
+        self.stuck = self.error > STUCK * before
 
     def balance(self) -> None:
         """Residual for the forces of contact and loads as they are."""
@@ -238,12 +236,12 @@ class Increment:
             du, dq = steps.system.solve(K, self.terms, self.loads, r, self.u, self.error, exact)
         return du, np.split(dq, np.cumsum([len(q) for q in self.own])[:-1]) if self.own else []
 
-    def converged(self, noise: float = 0.0) -> bool:
-        """Whether this is an equilibrium, but for noise; its pairs are those that can touch."""
+    def converged(self, noise: float = 0.0, lingers: bool = False) -> bool:
+        """Whether pairs that can touch are in equilibrium, but for noise and what lingers."""
         arrived = np.abs(self.u - self.target)[self.fixed].max(initial=0.0)
         arrived = self.dofs.comm.allreduce(float(arrived), op=MPI.MAX)
         rests = arrived < CONVERGED * self.steps.size and self.off < max(CONVERGED, noise)
-        rests &= self.rest < (LINGERS if self.lingers else CONVERGED)
+        rests &= self.rest < CONVERGED or lingers
         return rests and not self.changes and not self._missed()
 
     def _missed(self) -> bool:

@@ -137,7 +137,7 @@ class NewtonSteps:
                 entry = _entry(run, iteration)
                 self.history.append(entry)
                 tell_iteration(entry, bar)
-                if run.converged(going.noise):
+                if run.converged(going.noise, going.lingers(run.rest)):
                     self._check(run, before, start)
                     self._measure(run, step, start)
                     self.terms = run.terms
