@@ -31,7 +31,7 @@ from dolfinx_llm.finite.settling import (
     lands,
     opened_or_closed,
 )
-from dolfinx_llm.finite.turning import prescribed, turned
+from dolfinx_llm.finite.turning import with_what_turns
 from dolfinx_llm.finite.two_obstacles import Doubled
 from dolfinx_llm.laws.rows import OPEN
 
@@ -74,11 +74,13 @@ class Increment:
     ) -> None:
         self.steps, self.end, self.draws = steps, end, draws
         self.dofs, self.fixed, start = steps.bodies.dofs, steps.bodies.dofs.fixed, step.start
-        self.u, self.own = good.u.copy(), [q.copy() for q in good.own]
         self.target = start.u + end * (step.values - start.u)
         self.pressures = start.pressures + end * (step.pressures - start.pressures)
         self.unbalanced = (1.0 - end) * step.unbalanced
         self.poses = [a + end * (b - a) for a, b in zip(start.poses, step.poses, strict=True)]
+        turned = with_what_turns(steps, good, self.target, self.poses)
+        self.turned, good = turned is not None, turned or good
+        self.u, self.own = good.u.copy(), [q.copy() for q in good.own]
         self.lagged, self.trusted = True, TRUSTED
         with failing():
             self.held, self.faces = chosen_at(steps, good, self.poses)
@@ -86,22 +88,10 @@ class Increment:
         self.stays, self.known = stays(steps, start), all(s is not None for s in good.status)
         self.doubled = Doubled(self.dofs.comm, steps.interfaces, NO_GAP * steps.size)
         self.changes, self.doubt, self.stuck, self.error, self.rest = 0, 0.0, False, np.inf, np.inf
-        self.drawn, self.turned, self.undrawn = [False] * len(self.held), False, False
+        self.drawn, self.undrawn = [False] * len(self.held), False
         self.touched = [s is not None and bool(s.any()) for s in good.status]
         self._body = self._residual(self.u)
         self.evaluate()
-        self._turn()
-
-    def _turn(self) -> None:
-        """Where all that is prescribed turns alike, turn all with it."""
-        if self.steps.bodies.in_time:
-            return
-        given = prescribed(self.dofs, self.target, self.steps.interfaces, self.poses)
-        if given and (found := turned(self.dofs, self.u, *given)):
-            self.turned, (self.u, R) = True, found
-            self.own = [i.what.carried(q, R) for i, q in zip(self.steps.interfaces, self.own)]
-            self._body, self.doubt, self.error = self._residual(self.u), 0.0, np.inf
-            self.evaluate()
 
     def _residual(self, u: Array) -> Array:
         with self.steps.times.timed("assembly of F"):

@@ -4,11 +4,15 @@ which sees turns as strains."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.finite.load_step import Placed
+from dolfinx_llm.finite.load_step import Equations, NewtonState
+from dolfinx_llm.finite.obstacles.mean_obstacle import MovingMean
+from dolfinx_llm.finite.obstacles.pose import Pose
+from dolfinx_llm.finite.obstacles.pressed_obstacle import Pressed
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.numbering import BodyDofs
 
@@ -16,31 +20,57 @@ RIGID = 1e-9  # of the size of what is prescribed, up to which a rigid motion is
 AT_REST = 1e-6  # turn in radians that is none
 
 
-def prescribed(
-    dofs: BodyDofs, target: Array, interfaces: Sequence[Placed], poses: Sequence[Array]
-) -> tuple[Array, Array] | None:
-    """Where supports, and obstacles that bodies are tied to, lead to (n_local,), and which dofs;
-    None where obstacles let go, or yield.
+def with_what_turns(
+    steps: Equations, good: NewtonState, target: Array, poses: Sequence[Array]
+) -> NewtonState | None:
+    """The state after the rigid motion by which supports and obstacles go to where they are to be;
+    None where there is no such motion, it does not turn, or steps are in time. Collective.
 
     Args:
-        dofs: of the bodies.
+        steps: what is solved.
+        good: the state that an increment starts from.
         target: (n_local,) of dofs that supports prescribe.
-        interfaces: of which some are with obstacles.
-        poses: per interface what places its obstacle; empty without one.
+        poses: per interface what places its obstacle there; empty without one.
     """
+    given = None if steps.bodies.in_time else _prescribed(steps, good, target, poses)
+    found = None if given is None else _turned(steps.bodies.dofs, good.u, *given)
+    if found is None:
+        return None
+    u, R = found
+    own = tuple(i.what.carried(q, R) for i, q in zip(steps.interfaces, good.own, strict=True))
+    return replace(good, u=u, own=own, poses=tuple(poses))
+
+
+def _prescribed(
+    steps: Equations, good: NewtonState, target: Array, poses: Sequence[Array]
+) -> tuple[Array, Array, list[tuple[Array, Array]]] | None:
+    """Where supports, and obstacles that bodies are tied to, lead to (n_local,), and which dofs;
+    points (n, gdim) on others, and where these take them. None where obstacles yield."""
+    dofs, goes = steps.bodies.dofs, list[tuple[Array, Array]]()
     fixed, target = dofs.fixed.copy(), target.copy()
-    for placed, pose in zip(interfaces, poses, strict=True):
+    for placed, before, pose in zip(steps.interfaces, good.poses, poses, strict=True):
         if not len(pose):
             continue
-        if not (led := placed.what.led(pose)):
+        if led := placed.what.led(pose):
+            at = placed.numbers - dofs.first
+            mine = led[0] & (at >= 0) & (at < len(fixed)) & placed.free
+            fixed[at[mine]], target[at[mine]] = True, (led[1] - placed.drawn)[mine]
+        elif isinstance(placed.what, Pressed | MovingMean):
             return None
-        at = placed.numbers - dofs.first
-        mine = led[0] & (at >= 0) & (at < len(fixed)) & placed.free
-        fixed[at[mine]], target[at[mine]] = True, (led[1] - placed.drawn)[mine]
-    return target, fixed
+        else:
+            x = placed.at(dofs, good.u).reshape(-1, dofs.gdim)
+            then, now = (Pose.of(numbers, dofs.gdim) for numbers in (before, pose))
+            goes.append((x, now.on(then.back(x))))
+    return target, fixed, goes
 
 
-def turned(dofs: BodyDofs, u: Array, target: Array, fixed: Array) -> tuple[Array, Array] | None:
+def _turned(
+    dofs: BodyDofs,
+    u: Array,
+    target: Array,
+    fixed: Array,
+    goes: Sequence[tuple[Array, Array]],
+) -> tuple[Array, Array] | None:
     """All dofs after the rigid motion that takes prescribed ones to their targets, and its rotation
     (gdim, gdim); None where there is no such motion, it does not turn, or a body is not held by as
     many nodes as tell it. Collective.
@@ -50,6 +80,7 @@ def turned(dofs: BodyDofs, u: Array, target: Array, fixed: Array) -> tuple[Array
         u: (n_local,) where they are.
         target: (n_local,) where prescribed dofs are to be.
         fixed: (n_local,) which they are.
+        goes: points (n, gdim) on obstacles, and where these take them.
     """
     comm, gdim, at = dofs.comm, dofs.gdim, dofs.of_nodes
     X = dofs.points
@@ -60,11 +91,13 @@ def turned(dofs: BodyDofs, u: Array, target: Array, fixed: Array) -> tuple[Array
     if n < gdim:
         return None
     a, b = comm.allreduce(np.array([x[whole].sum(axis=0), y[whole].sum(axis=0)])) / n
-    left, size, right = np.linalg.svd(comm.allreduce((y - b)[whole].T @ (x - a)[whole]))
-    left[:, -1] *= np.linalg.det(left @ right)
-    R = left @ right
+    first, size, last = np.linalg.svd(comm.allreduce((y - b)[whole].T @ (x - a)[whole]))
+    first[:, -1] *= np.linalg.det(first @ last)
+    R = first @ last
     there = (x - a) @ R.T + b
-    mine = [float(np.abs(part).max(initial=0.0)) for part in ((there - y)[fixed], x - a)]
+    left = [(p - a) @ R.T + b - q for p, q in goes]
+    parts = np.concatenate([(there - y)[fixed], *map(np.ravel, left)]), x - a
+    mine = [float(np.abs(part).max(initial=0.0)) for part in parts]
     off, reach = np.max(comm.allgather(mine), axis=0)
     told = size[gdim - 2] > AT_REST * size[0] and np.abs(R - np.eye(gdim)).max() > AT_REST
     if not told or off > RIGID * reach:

@@ -216,7 +216,9 @@ def under_force(
     seen = np.einsum("nci,ndi->ncd", pairs.base, axes[:, :gdim] + swings.motions)
     seen = seen.reshape(n * c, -1)
     size, vectors = chosen(comm, lambda: np.linalg.svd(seen, full_matrices=False)[1:])
-    resisted = size > RESISTED * size[0]
+    resisted = size > RESISTED * max(size[0], 1.0)  # of unit vectors
+    if not resisted.any():
+        return pairs, np.empty((0, c, gdim)), None
     if not resisted.all() or len(size) < len(axes):
         axes = vectors[: int(resisted.sum())] @ axes
         swings = Swings.of(obstacle, pairs.met, axes[:, gdim:])
@@ -236,7 +238,9 @@ def prescribed_loads(geometry: InterfaceGeometry) -> Array:
     values = forces_on(obstacle, geometry.forced, axes.shape[2])
     if not any(geometry.forced):
         return loads
-    ways = axes[0] if swings is None else np.hstack([axes[0], swings.turns])
+    ways = axes.reshape(-1, axes.shape[2])
+    if swings is not None:
+        ways = np.hstack([ways, swings.turns])
     values = values[: ways.shape[1]]  # in units of force
     if swings is not None:
         values[axes.shape[2] :] /= swings.size

@@ -140,6 +140,10 @@ def test_refused():
     frictionless = llm.Frictionless()
     with pytest.raises(llm.ContactError, match=r"nothing resists the part \[1.0, 0.0\]"):
         Block("triangle", lambda R: plane(R, force=(1.0, 9.0)), frictionless).solve()
+    along = Block("triangle", lambda R: plane(R, force=(1.0, None)), frictionless)
+    with pytest.raises(llm.ContactError, match=r"nothing resists the part \[1.0, 0.0\]"):
+        along.solve()  # with nothing that contact resists
+    assert np.abs(along.solve(force=(0.0, None)).resultant).max() < 1e-12
     block = Block("triangle", lambda R: plane(R, force=(None, 9.0)), frictionless)
     with pytest.raises(llm.ContactInputError, match="Make the problem anew"):
         block.solve(force=(0.0, 9.0))

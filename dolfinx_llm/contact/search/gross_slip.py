@@ -36,16 +36,15 @@ def slide(equations: Equations, step: StepResult, position: Array, iteration: in
 
 
 def _told(equations: Equations, step: StepResult, position: Array) -> Array:
-    """(m,) w with the bodies' slips along obstacles where pairs have no friction in this step, and
-    its own are beyond all motion, as nothing tells them: halfway to the next step, where they may
-    have friction again, they would drag that anywhere."""
-    found, farthest = step.w.copy(), np.abs(position).max(initial=0.0)
+    """(m,) w with the bodies' slips along obstacles where pairs have no friction in this step, as
+    where nothing pressed them in the last. Nothing tells their own, which may be none: where they
+    have friction again they would stick then, and hold a body that has gone on."""
+    found = step.w.copy()
     for s in equations.states:
         if s.nodes.kappa.size and s.nodes.geometry.rigid and s.law.opens:
             rows, kappa = s.nodes.rows, s.nodes.kappa
             moved = position[rows] - (s.nodes.L @ step.w[s.nodes.v]).reshape(rows.shape)
             untold = ~step.active[rows[:, :-1]].any(axis=1)
-            untold &= np.abs(step.w[kappa]).max(axis=1) > farthest
             found[kappa[untold]] = moved[untold, : kappa.shape[1]]
     return found
 
