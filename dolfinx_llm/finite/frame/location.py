@@ -37,9 +37,6 @@ MISSED = 1e3  # reference coordinates of what does not meet a facet
 FOCUS = 1e-9  # of a facet's size to the power of d: what is left where normals run together
 VAGUE = 0.1  # length of the mean of unit normals below which a facet's nodes tell no direction
 OPPOSITE = 1.4  # the same of n_J - n_p, where normals differ by 90 degrees
-# Of the height over a facet: what lies as near to one of another part of the frame meets that one,
-# though beyond it; behind a facet, as under the top of a thin body, all of its depth.
-BESIDE_IT = 0.1
 BEHIND_IT = 0.5  # of a facet: what lies deeper behind one does not meet it, if it meets another
 ITERATIONS_TO_MEET = 15
 SETTLED = 1e-9  # last change of Newton's iteration: its square is rounding
@@ -83,7 +80,7 @@ def find_on_frame(
     own: Array | None = None,
 ) -> OnFrame:
     """Where nodes meet a frame: within a facet, the nearest of these; else beyond the nearest. One
-    beyond the end of a part of the frame does not meet another part far from it, as of a stack.
+    beyond the end of a part of the frame does not meet another part farther away, as of a stack.
 
     Args:
         x: (n, gdim) nodes [length].
@@ -159,14 +156,14 @@ def _nearest(
 
 def _on_the_same_part(best: Array, which: Array, part: Array, away: Array, high: Array) -> Array:
     """(n,) the best (n,) of what is tried (k,), or the nearest in space where that is of another
-    part of the frame and much nearer."""
+    part of the frame: nodes beyond its end are those of facets that it covers in part."""
     if not part.any():
         return best
     space = np.where(np.isfinite(away), np.hypot(away, high), np.inf)
     order = np.lexsort((space, which))
     nearest = order[np.unique(which[order], return_index=True)[1]]
-    near = np.where(high[best] < 0.0, 1.0, BESIDE_IT) * np.abs(high[best])
-    return np.where((part[best] != part[nearest]) & (space[nearest] < near), nearest, best)
+    nearer = space[nearest] < np.abs(high[best])
+    return np.where((part[best] != part[nearest]) & nearer, nearest, best)
 
 
 def _of_corners(k: int, xi: Array) -> Array:
