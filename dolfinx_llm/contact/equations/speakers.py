@@ -19,6 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, nearest
 from dolfinx_llm.contact.equations.friction_nodes import FrictionNodes
+from dolfinx_llm.contact.equations.turning_slips import by_turns
 
 REMEMBERED = 3  # states of contact
 ADRIFT = 1e-2  # sum of N² below which a frame node is led until contact has come to rest
@@ -51,13 +52,12 @@ def asked(
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
     """
     k = sides[0].shape[1]
-    shared, support = csr_matrix((k, k)), np.full(k, np.inf)
+    support = np.full(k, np.inf)
     for N in sides:
         support = np.minimum(support, np.asarray(N.power(2).sum(axis=0)).ravel())
     if weak is not None:
         support = np.where(weak, 0.0, support)
-    for N in touching or sides:
-        shared = shared + abs(N).T @ abs(N)
+    shared = _neighbours(touching or sides)
     _, piece = connected_components(shared, directed=False)
     best = np.zeros(piece.max(initial=0) + 1)
     np.maximum.at(best, piece, support)
@@ -70,6 +70,14 @@ def asked(
             break
         found, known = found + near, known | reached
     return (found + diagonal(~known)).tocsr()
+
+
+def _neighbours(sides: list[csr_matrix]) -> csr_matrix:
+    """(k, k) entries where nodes are reached by the same pairs, of shape functions (n, k)."""
+    shared = csr_matrix((sides[0].shape[1],) * 2)
+    for N in sides:
+        shared = shared + abs(N).T @ abs(N)
+    return shared
 
 
 def speakers(asks: csr_matrix) -> csr_matrix:
@@ -135,6 +143,7 @@ class Followers:
         pulled: Array,
         adrift: Array,
         still: Array,
+        slips: Array,
         chosen: bool,
     ) -> Followers:
         """Nodes at the rim of contact follow a neighbour.
@@ -146,23 +155,30 @@ class Followers:
             pulled: (k,) nodes that corrected rows pull at.
             adrift: (k,) sum of N² of the pairs tied below which a node also moves with its speaker.
             still: (m d,) motions of the frame that supports tell.
+            slips: (k,) nodes that slip: jumps of those that do about a speaker tell a turn.
             chosen: ties are, and stay while pairs at the rim come and go: these tell no neighbours.
         """
         k, t = nodes.kappa.shape
         follows = nodes.of(tied)
         near, least = (np.ones_like(active), BY_LITTLE) if chosen else (active | tied, HELD)
-        asks = asked(follows, nodes.of(near), pulled, least)
+        touching = nodes.of(near)
+        asks = asked(follows, touching, pulled, least)
         parts = speakers(asks)
         speaker = np.asarray(parts.argmax(axis=1)).ravel()
         free = unheld(follows, parts)
         if np.array_equal(speaker, np.arange(k)):
             return replace(Followers.none(nodes), unheld=free)
         alike = kron(parts, identity(t), format="csr")  # in a plane all tangents are the same
-        weak = np.repeat(speaker != np.arange(k), t).astype(float)
-        relative = identity(k * t, format="csr") - diagonal(weak) @ alike
-        held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
+        held = np.sum([np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows], axis=0)
+        turned = csr_matrix(alike.shape)
+        if t == 2:
+            x = np.einsum("ki,kti->kt", nodes.x, nodes.tangents)
+            turned = by_turns(parts, _neighbours(touching), held, x)
+        weak = np.repeat(speaker != np.arange(k), t)
+        told = weak & (abs(turned) @ np.repeat(~slips, t) == 0.0)
+        relative = identity(k * t, format="csr") - diagonal(weak) @ alike - diagonal(told) @ turned
         led = (held < adrift) & (speaker != np.arange(k))
-        carried = _carried(led, still, parts, t + 1)
+        carried = _carried(led, still, alike + turned, t)
         sums = parts.T.tocsr()
         return Followers(speaker, sums, free, alike.T.tocsr(), relative, *carried)
 
@@ -194,12 +210,15 @@ class LastFollowers:
         return found
 
 
-def _carried(led: Array, still: Array, parts: csr_matrix, d: int) -> tuple[csr_matrix, csr_matrix]:
-    """Frame nodes that hardly any pair holds, ``led`` (m,), move tangentially as their speaker
-    does, but where supports tell, ``still`` (m d,): sums of forces there, and tangential motion
-    against that one's (m d, m d)."""
+def _carried(led: Array, still: Array, moved: csr_matrix, t: int) -> tuple[csr_matrix, csr_matrix]:
+    """Frame nodes that hardly any pair holds, ``led`` (m,), move tangentially as those that they
+    follow make them, ``moved`` (m t, m t), but where supports tell, ``still`` (m d,): sums of
+    forces there, and tangential motion against that one (m d, m d)."""
+    m, d = len(led), t + 1
+    along = (np.arange(m)[:, None] * d + np.arange(t)).ravel()
+    spread = csr_matrix((np.ones(m * t), (along, np.arange(m * t))), (m * d, m * t))
     weak = np.repeat(led, d) & ~still
-    weak[d - 1 :: d] = False
+    weak[t::d] = False
     follows = diagonal(weak)
-    moved = follows @ kron(parts, identity(d), format="csr")
-    return (diagonal(~weak) + moved.T).tocsr(), follows - moved
+    moved = follows @ spread @ moved @ spread.T
+    return (diagonal(~weak) + moved.T).tocsr(), (follows - moved).tocsr()

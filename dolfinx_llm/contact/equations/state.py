@@ -14,7 +14,7 @@ from dolfinx_llm.contact.equations.friction_nodes import FLOOR, FrictionNodes
 from dolfinx_llm.contact.equations.speakers import ADRIFT, Followers, LastFollowers
 from dolfinx_llm.interface.update import Transfer
 from dolfinx_llm.laws.law import Law
-from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK, LawNodes, LawRows, checked
+from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK, LawNodes, LawRows, checked
 
 BY_TURNS = 12  # a pair that has closed so often in a load step does not come to rest
 GONE = 1000  # one that is left without friction of its own
@@ -159,7 +159,8 @@ class InterfaceState:
         self.held = self.nodes.reach(self.own.holds) | holds
         self.own.active = active = active | self.held
         chosen = self.own.ties is not None
-        told = self.tied, active, self.pulled, self.adrift, self.still, chosen
+        slips = self.own.status == SLIP
+        told = self.tied, active, self.pulled, self.adrift, self.still, slips, chosen
         if not np.array_equal(np.hstack(told), self._touching):
             self._touching, self.touched = np.hstack(told), self.touched + 1
             if self.shares:
@@ -167,11 +168,8 @@ class InterfaceState:
 
     def take(self, rows: LawRows) -> None:
         """Take over what law rows say of the nodes."""
-        self.own.status = rows.status
-        holds = np.asarray(rows.holds, dtype=bool)
-        if (holds != self.own.holds).any():
-            self.own.holds = holds
-            self.touch(self.own.active)
+        self.own.status, self.own.holds = rows.status, np.asarray(rows.holds, dtype=bool)
+        self.touch(self.own.active)
 
     def accept(self, multiplier: Array, w: Array, fitted: Array, c: float, least: float) -> None:
         """End a load step; where contact is open, or bears nothing, slips follow the bodies.
