@@ -99,7 +99,10 @@ class ContactIteration:
         w = of_the_bodies(self.states, *ended, fitted, self.scale)
         self.w = told(self.operators.floating.comm, w)
         self.moved = float(np.abs(found.y).max(initial=0.0))
+        follows = self.equations.L @ found.w + self.equations.compliance * found.multiplier
+        opened = found.y + g - follows  # also of rows that are left out
         for s in self.states:
+            s.torn = opened[s.nodes.rows] if s.law.ties else None
             s.accept(found.multiplier, self.w, fitted, self.scale, self.rounding)
 
     def iterate(self, start: Reached, f: Array, g: Array, falls: Callable[[], Any]) -> StepResult:
