@@ -49,3 +49,11 @@ def test_torn_apart(others, held, caplog):
     """Two rigid ends that move by other amounts; supports that lift the upper block off."""
     tied(others, held).solve()
     assert "the tie is torn at" in caplog.text
+
+
+def test_rounding_tears_nothing(caplog):
+    """Where nothing moves, or supports move both sides alike."""
+    tied(MEAN[:0], [(4, 0.0)]).solve()
+    tied((replace(MEAN[0], mean=(None, None, 0.0)),)).solve()
+    tied((), [(2, 1.0), (3, 1.0)]).solve()
+    assert "torn" not in caplog.text

@@ -97,7 +97,7 @@ class InterfaceState:
         others, touched: who speaks for whom; counts the changes of what is in contact.
         held: (n,) pairs that may pull, too.
         clamped, overlap: (n,) pairs that hold the frame, and of bodies there, see ``clamped``.
-        torn: (n, c) by how much rows of ties are not met, where others hold all [length].
+        torn: (n,) by how much ties are not met, where others hold all [length].
         shares: nodes at the rim of contact slip as others do; in a plane alone, see ``carrier``.
         second, keeps: of second order, whose pairs that do not come to rest may keep their ties;
             whether they do, see ``flickering``.
@@ -113,9 +113,9 @@ class InterfaceState:
         self.shares = rubs and nodes.geometry.law_side is None
         self.second = self.shares and any(p.control is not None for p in nodes.geometry.pairs)
         self.glides, self.overlap = False, 0.0  # glides: all follow the frame
-        self.torn: Array | None = None
         self.touched, self._touching = 0, np.empty(0)
         self.stays, self.clamped = np.zeros((2, len(nodes.rows)), dtype=bool)  # cannot part
+        self.torn = np.zeros(len(nodes.rows))
         self.others, self._followers = Followers.none(nodes), LastFollowers(nodes)
         self.given: dict[str, Array] = {}
         self.forget()

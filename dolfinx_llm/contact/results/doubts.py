@@ -31,7 +31,6 @@ GRAZING_SHARE = 0.2  # the same of that friction, from where on it is no answer
 UNEVEN = 2.0  # friction of a side's nodes over that of the law's, where all slip
 CARRIES = 1e-10  # of the largest force in the load step: an interface with less carries none
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
-TORN = 1e-3  # of the bodies' motion, by which rows of ties may be missed, as chords are
 UNCERTAIN = 0.2  # part of the bodies' motion to which gaps must be known
 
 
@@ -52,7 +51,7 @@ def doubts(
     """
     out = []
     for state, result in zip(iteration.states, results, strict=True):
-        out += _held_in_each_other(state) + _torn(state, iteration.moved)
+        out += _held_in_each_other(state) + _torn(state)
         if max(np.abs(side.force).max() for side in result.sides) <= CARRIES * iteration.forces:
             continue
         share = lost(state, iteration.multiplier)
@@ -133,10 +132,9 @@ def _held_in_each_other(state: InterfaceState) -> list[str]:
     ]
 
 
-def _torn(state: InterfaceState, moved: float) -> list[str]:
-    """Ties that something else holds apart, where bodies have moved so far [length]."""
-    size = np.zeros(1) if state.torn is None else np.linalg.norm(state.torn, axis=1)
-    torn, geometry = int((size > TORN * moved).sum()), state.nodes.geometry
+def _torn(state: InterfaceState) -> list[str]:
+    """Ties that something else holds apart."""
+    torn, geometry = int((state.torn > 0.0).sum()), state.nodes.geometry
     if not torn:
         return []
     name, obstacle = geometry.interface.name, geometry.interface.obstacle
@@ -144,7 +142,7 @@ def _torn(state: InterfaceState, moved: float) -> list[str]:
     if obstacle is not None and obstacle.everywhere:
         raise ContactError(f"interface {name}: the mean displacement is not met: {others}")
     return [
-        f"interface {name}: the tie is torn at {torn} node(s), by up to {size.max():.2g}: "
+        f"interface {name}: the tie is torn at {torn} node(s), by up to {state.torn.max():.2g}: "
         f"{others}. Leave them free, or prescribe the same"
     ]
 
