@@ -98,6 +98,8 @@ class Oracle:
             faces = faces[::-1] if posed.variant.swap else faces
             sides = zip(faces, result.sides, of.what.sides.surfaces, strict=True)
             for face, side, surface in sides:
+                if len(surface.x) != len(side.x):
+                    continue  # its facets are divided: the law holds at nodes that are none here
                 # Of bodies of second order, control values bear and part.
                 E, C = (M.toarray() for M in control_matrices(surface))
                 nodes = scenes.face_nodes(posed, face, side.drawn)
