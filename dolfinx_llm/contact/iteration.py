@@ -20,9 +20,7 @@ from dolfinx_llm.contact.search.search import Search
 from dolfinx_llm.contact.unseen_slips import of_the_bodies
 from dolfinx_llm.forms.step import StepForm, StepResult
 from dolfinx_llm.forms.verdict import Verdict
-from dolfinx_llm.operators.system import FLUSH, ContactOperators
-
-TORN = 1e-3  # of motions, by which rows may be missed, as those of chords are
+from dolfinx_llm.operators.system import ContactOperators
 
 
 class ContactIteration:
@@ -101,19 +99,8 @@ class ContactIteration:
         w = of_the_bodies(self.states, *ended, fitted, self.scale)
         self.w = told(self.operators.floating.comm, w)
         self.moved = float(np.abs(found.y).max(initial=0.0))
-        torn = self._torn(found, g)
         for s in self.states:
-            s.torn = np.linalg.norm(torn[s.nodes.rows], axis=1) * s.law.ties
             s.accept(found.multiplier, self.w, fitted, self.scale, self.rounding)
-
-    def _torn(self, found: StepResult, g: Array) -> Array:
-        """(n,) by how much rows have left what they follow, also those that are left out, by more
-        than chords do and than positions are rounded by [length]."""
-        follows = self.equations.L @ found.w
-        opened = found.y + g - follows - self.equations.compliance * found.multiplier
-        most = max(float(np.abs(a).max(initial=0.0)) for a in (found.y, g, follows))
-        least = TORN * most + FLUSH * self.operators.bodies.farthest
-        return np.where(np.abs(opened) > least, opened, 0.0)
 
     def iterate(self, start: Reached, f: Array, g: Array, falls: Callable[[], Any]) -> StepResult:
         """From where it stands, ``start``, to a state that meets all conditions, for this rank's f

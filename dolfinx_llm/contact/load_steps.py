@@ -30,8 +30,10 @@ from dolfinx_llm.forms.verdict import (
 )
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.support import least_squares
+from dolfinx_llm.operators.system import FLUSH
 
 AT_STAKE = 1e-12  # of contact forces: rounding of stiffness times displacement that may matter
+TORN = 1e-3  # of motions, by which rows of ties may be missed, as those of chords are
 SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
 
 
@@ -150,6 +152,7 @@ def _judged(iteration: ContactIteration, found: StepResult, f: Array, g: Array) 
     iteration.rounded = SEVERAL * EPS * max(terms, size(multiplier))
     iteration.rounding = max(before, iteration.rounded)
     follows = equations.L @ found.w + equations.compliance * multiplier
+    _see_torn(iteration, found.y, follows, g)
     # Of rows in contact, before and after the last step: where it is open, or opens without a
     # force, gaps of any size carry none.
     closed = found.active & equations.closed_rows()
@@ -179,6 +182,17 @@ def _judged(iteration: ContactIteration, found: StepResult, f: Array, g: Array) 
     iteration.verdict = replace(verdict, felt=felt, drift=drift, neutral=left_open)
     warn(operators.comm, iteration.verdict.lost, said)
     return u
+
+
+def _see_torn(iteration: ContactIteration, y: Array, follows: Array, g: Array) -> None:
+    """By how much ties have left what they follow (n,), also in rows that are left out: by more
+    than chords do, and than positions are rounded by."""
+    least = TORN * max(map(size, (y, follows, g)))
+    least += FLUSH * iteration.operators.bodies.farthest
+    for s in iteration.states:
+        if s.law.ties:
+            opened: Array = (y + g - follows)[s.nodes.rows]
+            s.torn = np.linalg.norm(np.where(np.abs(opened) > least, opened, 0.0), axis=1)
 
 
 def _felt(iteration: ContactIteration, f: Array, u: Array) -> float:

@@ -17,7 +17,7 @@ from scipy.sparse import csr_matrix, identity, kron
 from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import diagonal, nearest
+from dolfinx_llm.base.sparse import diagonal, nearest, picking
 from dolfinx_llm.contact.equations.friction_nodes import FrictionNodes
 from dolfinx_llm.contact.equations.turning_slips import by_turns
 
@@ -30,7 +30,7 @@ BY_LITTLE = 0.03  # the same where ties are chosen, perhaps of contact narrower 
 
 def asked(
     sides: list[csr_matrix],
-    touching: list[csr_matrix] | None = None,
+    shared: csr_matrix | None = None,
     weak: Array | None = None,
     held: float = HELD,
 ) -> csr_matrix:
@@ -42,8 +42,8 @@ def asked(
 
     Args:
         sides: per side (n, k) shape functions of the pairs that follow the frame.
-        touching: the same of all pairs in contact, by which nodes are neighbours; by default those
-            that follow the frame.
+        shared: (k, k) ``_neighbours`` by all pairs in contact; by default by those that follow the
+            frame.
         weak: (k,) nodes that do not speak, however firmly they are held; None: there are none.
         held: least sum of N² of each side with which a node speaks for itself.
 
@@ -57,7 +57,7 @@ def asked(
         support = np.minimum(support, np.asarray(N.power(2).sum(axis=0)).ravel())
     if weak is not None:
         support = np.where(weak, 0.0, support)
-    shared = _neighbours(touching or sides)
+    shared = _neighbours(sides) if shared is None else shared
     _, piece = connected_components(shared, directed=False)
     best = np.zeros(piece.max(initial=0) + 1)
     np.maximum.at(best, piece, support)
@@ -119,6 +119,7 @@ class Followers:
     """Who speaks for whom, for one state of contact."""
 
     speaker: Array  # (k,) the node whose law holds for each, or the first of them
+    turns: bool  # whether jumps of nodes that follow depend on which ones slip
     sums: csr_matrix  # (k, k) sums over the nodes for which a node speaks
     unheld: Array  # (k,) nodes that no force reaches
     gather: csr_matrix  # (k q, k q) sums of forces at the speakers
@@ -132,7 +133,7 @@ class Followers:
         """Each node speaks for itself."""
         k, m = len(nodes.kappa), len(nodes.v)
         every = identity(nodes.kappa.size, format="csr")
-        alone = np.arange(k), identity(k, format="csr"), np.zeros(k, dtype=bool)
+        alone = np.arange(k), False, identity(k, format="csr"), np.zeros(k, dtype=bool)
         return Followers(*alone, every, every, identity(m, format="csr"), csr_matrix((m, m)))
 
     @staticmethod
@@ -143,8 +144,8 @@ class Followers:
         pulled: Array,
         adrift: Array,
         still: Array,
-        slips: Array,
         chosen: bool,
+        slips: Array,
     ) -> Followers:
         """Nodes at the rim of contact follow a neighbour.
 
@@ -155,14 +156,14 @@ class Followers:
             pulled: (k,) nodes that corrected rows pull at.
             adrift: (k,) sum of N² of the pairs tied below which a node also moves with its speaker.
             still: (m d,) motions of the frame that supports tell.
-            slips: (k,) nodes that slip: jumps of those that do about a speaker tell a turn.
             chosen: ties are, and stay while pairs at the rim come and go: these tell no neighbours.
+            slips: (k,) nodes that slip: jumps of those that do about a speaker tell a turn.
         """
         k, t = nodes.kappa.shape
         follows = nodes.of(tied)
         near, least = (np.ones_like(active), BY_LITTLE) if chosen else (active | tied, HELD)
-        touching = nodes.of(near)
-        asks = asked(follows, touching, pulled, least)
+        shared = _neighbours(nodes.of(near))
+        asks = asked(follows, shared, pulled, least)
         parts = speakers(asks)
         speaker = np.asarray(parts.argmax(axis=1)).ravel()
         free = unheld(follows, parts)
@@ -173,14 +174,15 @@ class Followers:
         turned = csr_matrix(alike.shape)
         if t == 2:
             x = np.einsum("ki,kti->kt", nodes.x, nodes.tangents)
-            turned = by_turns(parts, _neighbours(touching), held, x)
-        weak = np.repeat(speaker != np.arange(k), t)
-        told = weak & (abs(turned) @ np.repeat(~slips, t) == 0.0)
-        relative = identity(k * t, format="csr") - diagonal(weak) @ alike - diagonal(told) @ turned
-        led = (held < adrift) & (speaker != np.arange(k))
-        carried = _carried(led, still, alike + turned, t)
+            turned = by_turns(parts, shared, held, x)
+        weak = speaker != np.arange(k)
+        told = np.repeat(weak, t) & (abs(turned) @ np.repeat(~slips, t) == 0.0)
+        alone = identity(k * t, format="csr") - diagonal(np.repeat(weak, t)) @ alike
+        relative = alone - diagonal(told) @ turned
+        carried = _carried((held < adrift) & weak, still, alike + turned, t)
         sums = parts.T.tocsr()
-        return Followers(speaker, sums, free, alike.T.tocsr(), relative, *carried)
+        turns = turned.nnz > 0
+        return Followers(speaker, turns, sums, free, alike.T.tocsr(), relative, *carried)
 
     def share(self, friction: Array, bears: Array) -> Array:
         """(k, gdim) forces of friction, of those that speak for others divided among them all.
@@ -216,9 +218,9 @@ def _carried(led: Array, still: Array, moved: csr_matrix, t: int) -> tuple[csr_m
     forces there, and tangential motion against that one (m d, m d)."""
     m, d = len(led), t + 1
     along = (np.arange(m)[:, None] * d + np.arange(t)).ravel()
-    spread = csr_matrix((np.ones(m * t), (along, np.arange(m * t))), (m * d, m * t))
+    tangential = picking(along, m * d)
     weak = np.repeat(led, d) & ~still
     weak[t::d] = False
     follows = diagonal(weak)
-    moved = follows @ spread @ moved @ spread.T
+    moved = follows @ tangential.T @ moved @ tangential
     return (diagonal(~weak) + moved.T).tocsr(), (follows - moved).tocsr()

@@ -112,10 +112,10 @@ class InterfaceState:
         rubs = law.shares and law.opens and law.slips and not law.gives
         self.shares = rubs and nodes.geometry.law_side is None
         self.second = self.shares and any(p.control is not None for p in nodes.geometry.pairs)
-        self.glides, self.overlap = False, 0.0  # glides: all follow the frame
+        self.torn, self.overlap = np.zeros(len(nodes.rows)), 0.0
+        self.glides = False  # or all follow the frame
         self.touched, self._touching = 0, np.empty(0)
         self.stays, self.clamped = np.zeros((2, len(nodes.rows)), dtype=bool)  # cannot part
-        self.torn = np.zeros(len(nodes.rows))
         self.others, self._followers = Followers.none(nodes), LastFollowers(nodes)
         self.given: dict[str, Array] = {}
         self.forget()
@@ -160,13 +160,13 @@ class InterfaceState:
         holds = self.stays | self.clamped | self.nodes.geometry.prescribed
         self.held = self.nodes.reach(self.own.holds) | holds
         self.own.active = active = active | self.held
-        chosen = self.own.ties is not None
-        slips = self.own.status == SLIP
-        told = self.tied, active, self.pulled, self.adrift, self.still, slips, chosen
-        if not np.array_equal(np.hstack(told), self._touching):
-            self._touching, self.touched = np.hstack(told), self.touched + 1
+        chosen, slips = self.own.ties is not None, self.own.status == SLIP
+        told = self.tied, active, self.pulled, self.adrift, self.still, chosen
+        now = np.hstack([*told, slips & self.others.turns])
+        if not np.array_equal(now, self._touching):
+            self._touching, self.touched = now, self.touched + 1
             if self.shares:
-                self.others = self._followers.of(*told)
+                self.others = self._followers.of(*told, slips)
 
     def take(self, rows: LawRows) -> None:
         """Take over what law rows say of the nodes."""
