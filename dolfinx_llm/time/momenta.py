@@ -4,7 +4,9 @@ Mean forces on the way of a step act about the places of its middle, contact for
 a moving frame about those of its ends: angular momentum changes by more than the moment of the
 loads, and energy by more than these do work, both by the third order of the step. At its end
 velocities get the smallest change in the norm of the mass with which neither does: projection onto
-invariants, Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), IV.4.
+invariants, Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), IV.4. Moments are
+about the centre of mass, which moves as the step says: about a point at rest a damped step would
+turn a body that falls.
 """
 
 from __future__ import annotations
@@ -72,23 +74,27 @@ class Momenta:
         group, free, limited = self._groups((start.pushed != 0.0) | (end.pushed != 0.0), fixed)
         if not free.any():
             return end.v
-        of, B, turns = group[self._body], self._motions(end.u), slice(self._gdim, None)
-        MB = np.stack([times(self._M, b) for b in B.T], axis=1)
+        of, B, n = group[self._body], self._motions(end.u), self._gdim
+        B0, MB = self._motions(start.u), np.stack([times(self._M, b) for b in B.T], axis=1)
         Mv0, Mv = (times(self._M, v) for v in (start.v, end.v))
-        moment = Mv0 - impulse[0] * start.F
-        own = [MB * end.v[:, None], self._motions(start.u)[:, turns] * moment[:, None]]
-        own += [-impulse[1] * B[:, turns] * end.F[:, None]]
+        own = [MB * end.v[:, None], B0 * Mv0[:, None]]
+        own += [-impulse[0] * B0 * start.F[:, None], -impulse[1] * B * end.F[:, None]]
         own += [np.stack([end.v * Mv, start.v * Mv0 - 2.0 * mean * (end.u - start.u)], axis=1)]
         own += [(MB[:, :, None] * B[:, None]).reshape(len(B), -1)]
+        own += [(B0[:, n:, None] * MB[:, None, :n]).reshape(len(B), -1)]
         sums = np.zeros((len(free), sum(part.shape[1] for part in own)))
         np.add.at(sums, of, np.concatenate(own, axis=1))
         sums = self._comm.allreduce(sums)
         widths = np.cumsum([part.shape[1] for part in own])[:-1]
-        P, before, gained, twice, G = np.split(sums, widths, axis=1)
+        P, P0, J0, J, twice, G, G0 = np.split(sums, widths, axis=1)
         change, shrunk = np.zeros_like(P), np.ones(len(free))
         for g in np.flatnonzero(free):
             inertia = G[g].reshape(2 * [P.shape[1]])
-            wanted = np.append(P[g, : self._gdim], before[g] + gained[g])
+            # Moments of what moves or acts at the centre of mass, about the origin.
+            before, after = G0[g].reshape(-1, n) / inertia[0, 0], inertia[n:, :n] / inertia[0, 0]
+            start_of = P0[g] + J0[g]
+            spin = start_of[n:] - before @ start_of[:n] + J[g, n:] - after @ J[g, :n]
+            wanted = np.append(P[g, :n], after @ P[g, :n] + spin)
             old, new = np.linalg.solve(inertia, np.stack([P[g], wanted], axis=1)).T
             inner, left = twice[g, 0] - old @ P[g], twice[g, 1] - new @ wanted
             if limited[g] and 0.0 <= left < inner:
