@@ -20,7 +20,7 @@ from dolfinx_llm.problem.form_arguments import form_space, given_forms, listed
 from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
 from dolfinx_llm.problem.problem import ContactProblem
 from dolfinx_llm.time.given import KnownMass, given_densities, step_length
-from dolfinx_llm.time.inertia import moved_mass
+from dolfinx_llm.time.inertia import tell_of_turns, without_surfaces
 from dolfinx_llm.time.mean import MeanForces
 from dolfinx_llm.time.momenta import End, Momenta
 from dolfinx_llm.time.pulls import Pulls
@@ -129,15 +129,14 @@ class TimeStepper(Steps):
         agree(self.comm, "rho", [float(d.value) for d in densities if isinstance(d, fem.Constant)])
         self._end = 0.5 * (1.0 + damping)  # weight of what there is at the end of a step
         self._rates = [fem.Constant(V.mesh, self._rate(dt)) for V in spaces]
-        forms, inertias, masses, self.density = list(listed(a)), [], [], []
+        forms, inertias, masses = list(listed(a)), [], []
         with collective(self.comm):
             self._mean = mean = MeanForces(forms, listed(L), maps) if nonlinear else None
-        for i, (V, density) in enumerate(zip(spaces, densities, strict=True)):
-            if surfaces := _surfaces(V, chosen) if scheme == "massless" else []:
-                density = density * moved_mass(V, density, surfaces)
+        surfaces = [_surfaces(V, chosen) if scheme == "massless" else [] for V in spaces]
+        self.density, eased = without_surfaces(spaces, densities, surfaces)
+        for i, (V, density) in enumerate(zip(spaces, self.density, strict=True)):
             mass, now = _inertia(density, V, forms[i], listed(L)[i] if mean else None)
             forms[i] = sum((mean.forms[i],) if mean else (), forms[i] + self._rates[i] * now)
-            self.density.append(density)
             inertias.append(mass)
             masses.append(compat.assemble_matrix(compat.form("rho", mass), [], 1.0))
         self._known_mass = KnownMass(inertias, spaces, [diagonal_of(M) for M in masses])
@@ -157,6 +156,7 @@ class TimeStepper(Steps):
         self._started, self._led = False, np.zeros(0)
         (self.problem.bulk if nonlinear else self.problem.method).in_time = True
         self._bare = diagonal_of(self._M) == 0.0
+        tell_of_turns(spaces, chosen, eased, self.problem.bulk.dofs.fixed)
         alone = nonlinear and not options.get("loads")  # follower loads count as contact
         self._momenta = Momenta(spaces, chosen, self._M) if alone else None
         laws = [i.law for i in self.problem.interfaces]
