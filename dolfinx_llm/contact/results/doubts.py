@@ -50,9 +50,11 @@ def doubts(
             met; the same on every rank.
     """
     out = []
-    for state, result in zip(iteration.states, results, strict=True):
+    largest = [max(np.abs(side.force).max() for side in result.sides) for result in results]
+    carries = [size > CARRIES * iteration.forces for size in largest]
+    for state, result, bears in zip(iteration.states, results, carries, strict=True):
         out += _held_in_each_other(state) + _torn(state)
-        if max(np.abs(side.force).max() for side in result.sides) <= CARRIES * iteration.forces:
+        if not bears:
             continue
         share = lost(state, iteration.multiplier)
         if state.own.ties is not None and share > UNTIED_SHARE:
@@ -81,8 +83,9 @@ def doubts(
         out += _rough(state.nodes.geometry, result)
         _check_tool(state.nodes.geometry, result)
         _check_cuts(state.nodes.geometry, result)
-    for state, geometry, result in zip(iteration.states, geometries, results, strict=True):
-        out += [] if in_time or state.overlap else _apart(geometry, result)
+    each = zip(iteration.states, geometries, results, carries, strict=True)
+    for state, geometry, result, bears in each:
+        out += [] if in_time or state.overlap or bears else _apart(geometry, result)
         out += _uncertain_gaps(geometry, result)
         for pairs, side, rim in zip(geometry.pairs, result.sides, geometry.rims, strict=True):
             reached, total = side.normal_force[rim].sum(), side.normal_force.sum()

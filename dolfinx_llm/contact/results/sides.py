@@ -16,6 +16,7 @@ from dolfinx_llm.laws.rows import CLOSED, OPEN
 
 FELT = 1e-9  # part of the largest force or motion, below which there is none
 FARTHER = 2.0  # times the most that bodies move along each other: no slip is beyond
+FOREMOST = 0.5  # part of the largest force from which on a node carries what no other does
 IDLE = 1e-13  # force over the surfaces' stiffness times their motion that is rounding
 
 
@@ -128,7 +129,8 @@ def between_bodies(
     A node may lie on the frame, which is free there, and the other body be away: what it carries
     is rounding then, of the surfaces' stiffness ``scale`` times their motion. Of second order also
     what dies out from node to node beside contact, as corrected rows of one side balance there:
-    such a node is open where it presses by less than that stiffness makes of the gap.
+    such a node is open where it presses by less than that stiffness makes of the gap, and is none
+    of those that press most: curved facets touch in between.
     """
     gaps = [side.frame_gap for side in sides]
     force = max(np.abs(side.normal_force).max(initial=0.0) for side in sides)
@@ -148,7 +150,7 @@ def between_bodies(
     each = zip(geometry.pairs, sides, gaps, presses, np.split(held, ends[:-1]), strict=True)
     for p, side, gap, pressed, pulls in each:
         if p.control is not None and not law.gives:
-            pressed = pressed & (side.normal_force > scale * gap)
+            pressed = pressed & (side.normal_force > np.minimum(scale * gap, FOREMOST * force))
         closed = (side.status != OPEN) & (pressed | (gap <= FELT * size) | pulls)
         if not law.opens:
             closed[:] = True
