@@ -17,6 +17,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.sparse import symmetric_factors
 from dolfinx_llm.contact.equations.state import InterfaceState
+from dolfinx_llm.laws.answers import at_nodes
 from dolfinx_llm.laws.rows import SLIP
 
 NEAR_LIMIT = 1e-4  # of what a node can bear, by which it may be below that
@@ -62,6 +63,6 @@ def _gives_in(s: InterfaceState, multiplier: Array, w: Array, c: float) -> Array
     """(k,) nodes that slip, or bear so much that they stick and slip alike."""
     at = s.at(multiplier, w, c)
     with collective(s.nodes.comm):  # users' laws may fail
-        stake, bears = s.law.at_stake(at), at.sums(s.law.strength(at))
+        stake, bears = at_nodes(s.law, "at_stake", at), at.sums(at_nodes(s.law, "strength", at))
     alike = (stake <= NEAR_LIMIT * bears)[s.others.speaker]
     return np.asarray((s.own.status == SLIP) | alike)

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.iterates import comes_back
 from dolfinx_llm.finite.load_step import Equations
 from dolfinx_llm.forms.options import NoOption
@@ -40,7 +40,7 @@ def failing() -> Iterator[None]:
     """What cannot be evaluated or solved ends the iteration, not the load step."""
     try:
         yield
-    except NoOption:  # smaller increments are of no help
+    except (NoOption, ContactInputError):  # smaller increments are of no help
         raise
     except (np.linalg.LinAlgError, ContactError) as error:
         raise StepFailed(str(error)) from None

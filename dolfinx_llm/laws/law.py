@@ -7,6 +7,7 @@ import numpy as np
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.laws.answers import at_nodes, spring_of
 from dolfinx_llm.laws.rows import LawNodes, LawRows
 
 
@@ -138,7 +139,7 @@ class Law:
         Args:
             nodes: what is known there.
         """
-        return LawRows.springs(nodes, *self.force(nodes))
+        return LawRows.springs(nodes, *spring_of(self, nodes))
 
     def miss(self, nodes: LawNodes) -> Array:
         """(k,) distance from the law [force]; by default what ``rows`` leave.
@@ -171,5 +172,5 @@ class Law:
         Args:
             nodes: what is known at the last iterate.
         """
-        size = np.abs(nodes.sums(self.strength(nodes)))
+        size = np.abs(nodes.sums(at_nodes(self, "strength", nodes)))
         return np.maximum(np.linalg.norm(nodes.force, axis=1), size)

@@ -229,25 +229,3 @@ class LawRows:
             C_N=np.where(kept[:, 0], self.C_N, 0.0),
             rhs=np.where(kept[:, 0], self.rhs, 0.0),
         )
-
-
-def checked(name: str, rows: Any, k: int, q: int) -> LawRows:
-    """Rows that a law of some name returned, if they are what they should be.
-
-    Raises:
-        ContactInputError: other shapes, or values that are not finite.
-    """
-    shapes = {"status": (k,), "C_T": (k, q, q), "C_jump": (k, q, q), "C_N": (k, q), "rhs": (k, q)}
-    wrong = []
-    for part, shape in shapes.items():
-        value = np.asarray(getattr(rows, part, None))
-        if value.shape != shape:
-            wrong.append(f"{part} of shape {value.shape}, not {shape}")
-        elif not np.isfinite(value.astype(float)).all():
-            wrong.append(f"{part} with values that are not finite")
-    if wrong:
-        raise ContactInputError(
-            f"law {name}: rows have {'; '.join(wrong)}, for {k} nodes and {q} components"
-        )
-    holds = np.zeros(k) if rows.holds is None else rows.holds
-    return replace(rows, holds=np.broadcast_to(np.asarray(holds, dtype=bool), (k,)).copy())

@@ -148,8 +148,10 @@ def _laws(law: Any, laws: Any, cell_tags: Any) -> dict[Any, Law]:
         pair = checks.items("laws: key", key, LAWS)
         if len(pair) != 2:
             checks.refuse("laws: key", key, LAWS)
-        pair = sorted(checks.integer("laws: cell tag", tag, LAWS) for tag in pair)
-        chosen[tuple(pair)] = checks.instance(f"laws: {key}", one, Law, accepted)
+        both = tuple(sorted(checks.integer("laws: cell tag", tag, LAWS) for tag in pair))
+        if both in chosen:
+            raise ContactInputError(f"laws: {both} is there twice: give one law for each pair")
+        chosen[both] = checks.instance(f"laws: {key}", one, Law, accepted)
     return chosen
 
 

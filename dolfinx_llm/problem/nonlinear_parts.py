@@ -39,6 +39,7 @@ from dolfinx_llm.interface.shared import check_once
 from dolfinx_llm.interface.site import Site, find_site, space_of
 from dolfinx_llm.interface.supports import prescribed_side
 from dolfinx_llm.interface.tool_forces import check_beside
+from dolfinx_llm.laws.answers import kept_by
 from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
 from dolfinx_llm.laws.law import Law
@@ -136,7 +137,7 @@ def _on_frame(interface: Interface, sides: Sides, site: Site, dofs: BodyDofs) ->
         nodes = nodes_of(interface, sides, site, drawn, dofs)
         if _is_asked(law):
             contact = LawOnFrame.under(law, nodes, sides, design, drawn)
-            reads = partial(law.begin_step, contact.nodes)
+            reads = partial(kept_by, law, "begin_step", contact.nodes)
         elif isinstance(law, Tied):
             contact = TiedContact.of(sides, drawn, design, law.close_gap)
         elif law.slips:
@@ -150,7 +151,7 @@ def _on_frame(interface: Interface, sides: Sides, site: Site, dofs: BodyDofs) ->
 
 def _read(law: Law, nodes: LawNodes, sides: Sides) -> dict[str, Array]:
     """What the law tells of nodes, at all of the pairs."""
-    given = law.begin_step(nodes)
+    given = kept_by(law, "begin_step", nodes)
     if not isinstance(sides, DividedSides):
         return given
     return {name: np.maximum(sides.shares @ values, 0.0) for name, values in given.items()}
@@ -201,9 +202,9 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
         of_law = LawOnPressed if pressed else LawOnObstacle
         with collective(dofs.comm):
             told = of_law.under(law, nodes, surface, obstacle)
-        again = partial(law.begin_step, told.nodes)
+        again = partial(kept_by, law, "begin_step", told.nodes)
         return placed_at(told, site.whole, site.spaces, dofs, again)
-    reads = partial(law.begin_step, nodes) if law.slips else None
+    reads = partial(kept_by, law, "begin_step", nodes) if law.slips else None
     with collective(dofs.comm):
         friction = _bounds(reads) if reads else []
     contact = AGAINST[law.slips, pressed].of(surface, obstacle, *friction)

@@ -26,6 +26,7 @@ from dolfinx_llm.contact.equations.prescribed_slip import rows_of, told
 from dolfinx_llm.contact.equations.proximal import FrameRows
 from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.forms.step import LEAST_FELT, SIGN, SOFT, LinearStep
+from dolfinx_llm.laws.answers import at_nodes
 from dolfinx_llm.laws.rows import STICK, UNBOUNDED, LawRows
 from dolfinx_llm.operators.system import ContactOperators
 
@@ -283,7 +284,8 @@ def _law_miss(equations: Equations, multiplier: Array, w: Array) -> float:
         if s.nodes.kappa.size:
             rests, _ = told(s, multiplier, equations.start, w, c)
             with collective(s.nodes.comm):
-                miss = s.law.miss(replace(s.at(multiplier, w, c), jump=rests.jump))
+                at = replace(s.at(multiplier, w, c), jump=rests.jump)
+                miss = at_nodes(s.law, "miss", at)
             worst = max(worst, float(miss.max(initial=0.0)))
     return worst
 

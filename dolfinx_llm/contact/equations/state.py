@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.contact.equations.at_supports import at_supports
 from dolfinx_llm.contact.equations.friction_nodes import FLOOR, FrictionNodes
 from dolfinx_llm.contact.equations.speakers import ADRIFT, Followers, LastFollowers
 from dolfinx_llm.interface.update import Transfer
+from dolfinx_llm.laws.answers import at_nodes, kept_by, rows_of
 from dolfinx_llm.laws.law import Law
-from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK, LawNodes, LawRows, checked
+from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK, LawNodes, LawRows
 
 BY_TURNS = 12  # a pair that has closed so often in a load step does not come to rest
 GONE = 1000  # one that is left without friction of its own
@@ -131,7 +131,7 @@ class InterfaceState:
         self.begin()
         if self.nodes.kappa.size:
             with collective(self.nodes.comm):
-                self.own.history = self.law.start(self.at_rest())
+                self.own.history = kept_by(self.law, "start", self.at_rest())
             self.read()
             self.take(self.rows_at(self.at_rest()))
             self.own.status = np.full(len(self.nodes.kappa), STICK)
@@ -140,7 +140,7 @@ class InterfaceState:
         """At the start of a load step: what users give and may have changed; collective."""
         if self.nodes.kappa.size:
             with collective(self.nodes.comm):
-                self.given = self.law.begin_step(self.at_rest())
+                self.given = kept_by(self.law, "begin_step", self.at_rest())
 
     def begin(self, adrift: float | Array = ADRIFT, keeps: bool = False) -> None:
         """Start a load step: pairs that opened and closed by turns get another chance."""
@@ -185,9 +185,9 @@ class InterfaceState:
         if self.nodes.kappa.size:
             at, kappa, opened = self.at(multiplier, w, c), self.nodes.kappa, self.own.status == OPEN
             with collective(self.nodes.comm):
-                self.own.history = self.law.end_step(at)
+                self.own.history = kept_by(self.law, "end_step", at)
                 if self.law.opens and self.law.slips:
-                    opened = opened | (self.law.strength(at) <= least)
+                    opened = opened | (at_nodes(self.law, "strength", at) <= least)
                     opened = opened[self.others.speaker]  # those that follow it slip as it does
             self.own.kappa_before = np.where(opened[:, None], fitted[kappa], w[kappa])
 
@@ -249,21 +249,18 @@ class InterfaceState:
         )
 
     def rows_at(self, nodes: LawNodes) -> LawRows:
-        """Rows of the law about an iterate; collective.
-
-        Raises:
-            ContactInputError: a law returns what fits no node.
-        """
+        """Rows of the law about an iterate; collective. It raises what ``rows_of`` does."""
         with collective(self.nodes.comm):
-            return checked(checks.shown(self.law), self.law.rows(nodes), *nodes.jump.shape)
+            return rows_of(self.law, nodes)
 
     def share_out(self, friction: Array, normal: Array) -> Array:
         """Forces of friction (k, gdim) of those that speak for others, divided among them by their
         strength for normal forces (k,): what the law says of the sum then holds for each."""
         if not self.shares:
             return friction
-        bears = np.maximum(self.law.strength(replace(self.at_rest(), N=normal)), 0.0)
-        return self.others.share(friction, bears)
+        with collective(self.nodes.comm):
+            bears = at_nodes(self.law, "strength", replace(self.at_rest(), N=normal))
+        return self.others.share(friction, np.maximum(bears, 0.0))
 
     def pair_status(self) -> Array:
         """(n,) OPEN, STICK, SLIP or CLOSED per pair: with friction that of the node next to it,

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.contact.equations.equations import Equations
 from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.forms.step import StepResult
+from dolfinx_llm.laws.answers import at_nodes
 
 DEEP = 8.0  # softness of bodies against sliding, over that of a row of their nodes side by side
 
@@ -51,7 +53,8 @@ def _told(equations: Equations, step: StepResult, position: Array) -> Array:
 
 def _slide(s: InterfaceState, step: StepResult, scale: float, found: Array) -> None:
     nodes = s.at(step.multiplier, step.w, scale)
-    bears = np.maximum(s.law.strength(nodes), 0.0)
+    with collective(s.nodes.comm):
+        bears = np.maximum(at_nodes(s.law, "strength", nodes), 0.0)
     total = np.einsum("ka,kai->i", nodes.force, s.nodes.tangents)
     size = float(np.linalg.norm(total))
     along = s.nodes.tangents @ (total / max(size, 1e-300))

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.contact.equations.equations import Equations
 from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.contact.search.flickering import count
 from dolfinx_llm.forms.step import SIGN, StepResult, unless_none
+from dolfinx_llm.laws.answers import at_nodes
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
 ENOUGH = 1e-10  # of the largest force: less may be left where that falls no more, and is not felt
@@ -78,7 +80,8 @@ def _follow(
     s: InterfaceState, equations: Equations, found: StepResult, calmed: bool, largest: float
 ) -> int:
     """Take over what sticks and slips on an interface; the number of changes that matter."""
-    stake = s.law.at_stake(s.at(found.multiplier, found.w, equations.scale))
+    with collective(s.nodes.comm):
+        stake = at_nodes(s.law, "at_stake", s.at(found.multiplier, found.w, equations.scale))
     # Nodes that stick at the limit of a slip that has ended may take either status: rounding, or
     # what holds frames for now, may tell which.
     felt = stake > max(equations.felt, ENOUGH) * largest

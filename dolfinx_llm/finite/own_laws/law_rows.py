@@ -14,8 +14,9 @@ from scipy.sparse import csr_matrix, vstack
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item, summing
 from dolfinx_llm.finite.frame.jacobians import coordinates, cross_matrix, jacobian
+from dolfinx_llm.laws.answers import rows_of
 from dolfinx_llm.laws.law import Law
-from dolfinx_llm.laws.rows import LawNodes, LawRows, checked
+from dolfinx_llm.laws.rows import LawNodes
 
 STEP = 1e-4  # part of an area by which the law's forces are compared: they are about linear in it
 
@@ -99,10 +100,10 @@ def linear(law: Law, nodes: LawNodes, jump: Array) -> Linear:
     Raises:
         ContactInputError: the law returns what fits no node.
     """
-    rows = _rows(law, nodes)
+    rows = rows_of(law, nodes)
     now = replace(nodes, jump=jump)
     more, less = (
-        _rows(law, replace(nodes, area=nodes.area * (1.0 + h))).left(now) for h in (STEP, -STEP)
+        rows_of(law, replace(nodes, area=nodes.area * (1.0 + h))).left(now) for h in (STEP, -STEP)
     )
     weight = 1.0 if rows.weight is None else rows.weight[:, None]
     assert rows.holds is not None
@@ -115,10 +116,6 @@ def linear(law: Law, nodes: LawNodes, jump: Array) -> Linear:
         rows.status,
         rows.holds,
     )
-
-
-def _rows(law: Law, nodes: LawNodes) -> LawRows:
-    return checked(repr(law), law.rows(nodes), *nodes.jump.shape)
 
 
 @dataclass(frozen=True, eq=False)

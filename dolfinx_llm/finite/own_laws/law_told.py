@@ -20,6 +20,7 @@ from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.finite.own_laws.law_rows import Linear, Tangents, linear
 from dolfinx_llm.finite.pairs.friction import Friction, tangential
 from dolfinx_llm.finite.pairs.terms import Held
+from dolfinx_llm.laws.answers import kept_by
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import CLOSED, OPEN, LawNodes
 
@@ -89,7 +90,9 @@ class ToldContact(Friction):
         n = len(nodes.x)
         zero, nothing = np.zeros(n), np.zeros((n, law.jumps(sides.gdim)))
         nodes = replace(nodes, force=nothing, jump=nothing, before=nothing, status=np.full(n, OPEN))
-        nodes = replace(nodes, history=law.start(nodes), given=law.begin_step(nodes))
+        nodes = replace(
+            nodes, history=kept_by(law, "start", nodes), given=kept_by(law, "begin_step", nodes)
+        )
         cells = sides.mover.cells
         return zero, zero, law, nodes, zero if law.closes_gap else gap, neighbours(cells, n)
 
@@ -209,7 +212,7 @@ class ToldContact(Friction):
         def ended() -> Kept:
             at, kept = np.flatnonzero(status != OPEN), self._kept(held)
             nodes = self._told(place, q, status, held, at)[0]
-            kept_now = self.law.end_step(nodes)
+            kept_now = kept_by(self.law, "end_step", nodes)
             history = {name: value.copy() for name, value in kept.history.items()}
             for name, value in kept_now.items():
                 every = np.zeros((len(kept.jump), *np.shape(value)[1:]), np.asarray(value).dtype)
