@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
@@ -49,10 +50,7 @@ def falling(
     if not any(asks):
         return []
     bodies = Bodies(dofs.spaces, dofs.of_nodes)
-    label = dofs.spread(bodies.label.astype(float))
-    of = np.zeros((len(interfaces), bodies.count), dtype=bool)
-    for row, placed in zip(of, interfaces, strict=True):
-        row[dofs.values(placed.numbers, label).astype(int)] = True
+    of = on_bodies(bodies, dofs, interfaces)
     touch = np.array([bool(now.any()) for now in status])
     pressed = np.array([_is_pressed(placed.what) for placed in interfaces])
     rigid = np.array([isinstance(placed.what, ObstacleContact) for placed in interfaces])
@@ -63,6 +61,15 @@ def falling(
     falls = (np.bincount(group, stands) == 0.0)[group]
     falls_on = of[:, falls].any(axis=1) | pressed
     return [i for i, a in enumerate(asks) if a and (touched[i] or falls_on[i])]
+
+
+def on_bodies(bodies: Bodies, dofs: BodyDofs, interfaces: Sequence[Placed]) -> Array:
+    """(interfaces, bodies) which bodies each interface is on; collective."""
+    label = dofs.spread(bodies.label.astype(float))
+    on = np.zeros((len(interfaces), bodies.count), dtype=bool)
+    for row, placed in zip(on, interfaces, strict=True):
+        row[dofs.values(placed.numbers, label).astype(int)] = True
+    return on
 
 
 def flight(
@@ -111,15 +118,20 @@ def _nearing(
     K, springs = steps.bodies.tangent(run.u), np.zeros(len(run.u))
     springs[dofs.of_nodes] = HARDLY_HELD * steps.scale
     try:
-        diagonal = K.getDiagonal()
-        diagonal.array[:] += springs
-        K.setDiagonal(diagonal)
-        diagonal.destroy()
+        add_springs(K, springs)
         du, changes = run.solved(K, False)
     finally:
         K.destroy()
     every = ((i, steps.interfaces[i]) for i in falls)
     return {i: -p.what.nearing(places[i], p.values(dofs, du), changes[i]) for i, p in every}
+
+
+def add_springs(K: PETSc.Mat, springs: Array) -> None:
+    """Add springs (n_local,) of this rank's dofs to the diagonal of K [force / length]."""
+    diagonal = K.getDiagonal()
+    diagonal.array[:] += springs
+    K.setDiagonal(diagonal)
+    diagonal.destroy()
 
 
 def caught(run: Any, now: list[Any]) -> dict[int, Array]:

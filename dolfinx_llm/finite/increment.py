@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective, told
 from dolfinx_llm.finite.failures import STUCK, check_solution, failing, inside_out
-from dolfinx_llm.finite.falling import caught, falling, flight
+from dolfinx_llm.finite.falling import NEARLY, add_springs, caught, falling, flight
 from dolfinx_llm.finite.linear.parts import Part
 from dolfinx_llm.finite.load_step import (
     Equations,
@@ -136,14 +136,15 @@ class Increment:
         """Terms of the interfaces, with the status that their pairs have now."""
         places, starts, status, found, asks = (list[Any]() for _ in range(5))
         every, size, comm = self.steps.interfaces, self.steps.size, self.dofs.comm
-        bounds = max(NO_GAP * size, self.doubt / self.steps.scale), NO_GAP * size  # closed, open
+        closes = max(NO_GAP * size, self.doubt / self.steps.scale)
         for i, (placed, before, q) in enumerate(zip(every, self.status, self.own, strict=True)):
             near, z = self.error < self.trusted, placed.at(self.dofs, self.u)
             held = replace(self.held[i], lagged=self.lagged, near=near)
             with collective(comm):
                 place = placed.what.place(z, q, held)
                 start = np.full(len(place.gap), OPEN) if before is None else before
-                reach = _reach(place, start, *bounds)
+                opens = (NEARLY if before is None else NO_GAP) * size
+                reach = _reach(place, start, closes, opens)
                 now, held = placed.what.touching(place, q, start, held, reach)
             places, starts = [*places, place], [*starts, start]
             status, found = [*status, now], [*found, held]
@@ -187,6 +188,8 @@ class Increment:
             with steps.times.timed("assembly of J"):
                 K = steps.bodies.tangent(self.u)
         try:
+            if steps.springs is not None:
+                add_springs(K, steps.springs)
             du, changes = self._solve(K)
             exchanges = Exchanges()
             tells = self.lagged or (self.changes and (self.known or self.error < TELLING))

@@ -162,6 +162,8 @@ class Equations:
     scale: float = 0.0  # stiffness of the bodies [force / length], see ``measure``
     scales: Sequence[float] = ()  # the same of each interface's softer surface, by which its pairs
     # come and go: inertia, or a far stiffer body, would tell gaps of rounding from contact
+    springs: Array | None = None  # (n_local,) that hold this rank's dofs where an iterate has put
+    # them [force / length]
 
     def measure(self, u: Array) -> PETSc.Mat:
         """Find the bodies' stiffness at this rank's u: moduli may have changed, or a step in time

@@ -27,22 +27,22 @@ from dolfinx_llm.finite.failures import (
 from dolfinx_llm.finite.frame_slip import Slid
 from dolfinx_llm.finite.increment import Increment
 from dolfinx_llm.finite.load_step import Bodies, Equations, LoadStep, NewtonState, touching_of
-from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstacleFriction
-from dolfinx_llm.finite.obstacles.pressed_obstacle import Pressed
+from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact
 from dolfinx_llm.finite.pairs.terms import ContactTerms, Place
 from dolfinx_llm.finite.passage import (
     check_held,
     check_obstacle,
     check_passage,
+    check_poses,
     left_over_edge,
 )
+from dolfinx_llm.finite.unloading import NEARLY_ALL, freed, held_by_springs
 from dolfinx_llm.laws.rows import SLIP, STICK
 
 log = logging.getLogger("dolfinx_llm")
 
 NEWTON_ITERATIONS = 25
 HALVINGS = 8  # of an increment
-CHORD = 0.8  # rad, by which obstacles with friction turn in an increment at most
 DRIVEN = 1e-6  # of what supports push with, that loads may change by where these alone move bodies
 
 
@@ -85,17 +85,20 @@ class NewtonSteps:
         self._left = [np.zeros(1, dtype=bool)] * len(self.equations.interfaces)
         self._slid = [Slid(placed.what) for placed in self.equations.interfaces]
         done, part, smallest = 0.0, 1.0 / increments, 2.0**-HALVINGS / increments
+        self._freed = freed(self.equations, step)
+        stop = 1.0 if self._freed is None else NEARLY_ALL
         unheld = False  # nothing held a body in the last increment tried
         fallen: NothingHolds | None = None  # or in one before, from this state: what is told
         with progress(None, "load step") as bar:
             while done < 1.0 - 1e-12:
-                end = 1.0 if done + part > 1.0 - 1e-12 else done + part
+                stop = stop if done < stop else 1.0
+                end = stop if done + part > stop - 1e-12 else done + part
                 begins(end - done)
                 try:
                     self._reached = self._increment(step, end, bar)
                 except StepFailed as failed:
                     _check_start(self.equations.bodies, self._reached.u, failed)
-                    part *= 0.5
+                    part = 0.5 * min(part, end - done)
                     hopeless = unheld and isinstance(failed, NothingHolds)
                     if unheld := isinstance(failed, NothingHolds):
                         fallen = failed
@@ -143,7 +146,8 @@ class NewtonSteps:
                     self.terms = run.terms
                     of = zip(self._slid, before, run.terms, run.held, start.status, strict=True)
                     self.slips = [slid.on(*then) for slid, *then in of]
-                    return replace(_state(run), status=start.status) if rests else _state(run)
+                    found = _state(run)
+                    return replace(found, status=start.status) if rests else found
                 if going.stopped(run.far / self.equations.bodies.size, run.changes, run.error):
                     raise unbalanced(self.equations, run.error, _left(run))
         finally:
@@ -159,29 +163,15 @@ class NewtonSteps:
         nothing is asked of them."""
         start = self._reached
         unknown = any(status is None for status in start.status)
-        run = Increment(self.equations, start, step, end, draws=not unknown)
+        steps = self.equations
+        if self._freed is not None and end == 1.0:
+            steps = held_by_springs(steps, self._freed)
+        run = Increment(steps, start, step, end, draws=not unknown)
         rests = unknown and run.converged()
         if run.undrawn and not rests:
-            run = Increment(self.equations, start, step, end)
-        self._check_poses(run, start)
+            run = Increment(steps, start, step, end)
+        check_poses(self.equations, run, start)
         return run, rests
-
-    def _check_poses(self, run: Increment, start: NewtonState) -> None:
-        """Require that obstacles with friction turn against bodies by little, as slip is a chord,
-        and forces on planes that contact can take; in time what pulls parts after the step."""
-        of = zip(self.equations.interfaces, run.poses, start.poses, run.terms, strict=True)
-        for placed, now, before, t in of:
-            if isinstance(placed.what, Pressed) and not self.equations.bodies.in_time:
-                with failing(), collective(run.dofs.comm):
-                    placed.what.check_pressed(t.place, now)
-            if isinstance(placed.what, ObstacleFriction) and not run.turned:
-                gdim = placed.what.sides.gdim
-                turn = (now - before)[2 * gdim : 2 * gdim + (1 if gdim == 2 else 3)]
-                if (angle := float(np.linalg.norm(turn))) > CHORD:
-                    raise StepFailed(
-                        f"an obstacle with friction turns by {angle:.3g} rad in an increment, "
-                        f"which are to turn it by at most {CHORD:g}"
-                    )
 
     def _check(self, run: Increment, before: list[Place], start: NewtonState) -> None:
         """Require an equilibrium that the bodies can have come to; collective.
@@ -266,10 +256,14 @@ def _left(run: Increment) -> Array:
 
 
 def _state(run: Increment) -> NewtonState:
-    """Where an increment has come to."""
+    """Where an increment has come to; what touches is not known where bodies have no load then."""
     with collective(run.dofs.comm):  # users' laws may fail
         kept = tuple(t.kept() if t.kept else None for t in run.terms)
-    of_each = tuple(run.own), tuple(run.status), run.pressures, tuple(run.poses), kept
+    status, springs = tuple(run.status), run.steps.springs
+    if springs is not None:
+        both = zip(run.steps.interfaces, status, strict=True)
+        status = tuple(None if p.values(run.dofs, springs).any() else s for p, s in both)
+    of_each = tuple(run.own), status, run.pressures, tuple(run.poses), kept
     return NewtonState(run.u, *of_each, run.pushed)
 
 

@@ -1,5 +1,5 @@
 """Where nodes have gone in an increment: through the frame, through another body or an obstacle,
-or over the frame's edge.
+or over the frame's edge; and how far obstacles do.
 
 An increment that carries a body wholly through another leaves no node behind a facet: what tells of
 it are the states between, with all nodes on straight ways, and how deep they go into closed
@@ -8,16 +8,22 @@ outlines.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.parallel import collective
+from dolfinx_llm.finite.failures import StepFailed, failing
 from dolfinx_llm.finite.frame.location import INSIDE
 from dolfinx_llm.finite.frame.self_sides import CROSSED, SelfSides
 from dolfinx_llm.finite.frame.sides import Sides
-from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact
+from dolfinx_llm.finite.load_step import Equations, NewtonState
+from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstacleFriction
+from dolfinx_llm.finite.obstacles.pressed_obstacle import Pressed
 from dolfinx_llm.finite.pairs.normal_contact import OVER, NormalPlace
 from dolfinx_llm.finite.pairs.terms import ContactTerms, MovingContact, Place
 from dolfinx_llm.geometry.cells import areas_around, cell_sizes, outline_edges
@@ -25,6 +31,7 @@ from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.interface.against import checked_clearance
 from dolfinx_llm.interface.supports import HELD_IN
 
+CHORD = 0.8  # rad, by which obstacles with friction turn in an increment at most
 AHEAD = 0.5  # of a facet: no deeper lies what is in front of the frame at first
 THROUGH = 1.0  # of a facet: deeper lies what has gone through it
 BORE = 1e-9  # of the largest force, below which there is none
@@ -245,3 +252,29 @@ def left_over_edge(before: Place, force: Array, after: Place) -> Array:
     force = force[: len(after.gap)]
     bore = (force > BORE * force.max(initial=0.0)) & (before.at.beyond <= OVER)
     return bore & (~after.at.met | (after.at.beyond > OVER))
+
+
+def check_poses(equations: Equations, run: Any, start: NewtonState) -> None:
+    """Require that obstacles with friction turn against bodies by little, as slip is a chord,
+    and forces on planes that contact can take; in time what pulls parts after the step. Collective.
+
+    Args:
+        equations: what is solved.
+        run: an ``Increment`` that starts from ``start``.
+
+    Raises:
+        StepFailed: they do not.
+    """
+    of = zip(equations.interfaces, run.poses, start.poses, run.terms, strict=True)
+    for placed, now, before, t in of:
+        if isinstance(placed.what, Pressed) and not equations.bodies.in_time:
+            with failing(), collective(run.dofs.comm):
+                placed.what.check_pressed(t.place, now)
+        if isinstance(placed.what, ObstacleFriction) and not run.turned:
+            gdim = placed.what.sides.gdim
+            turn = (now - before)[2 * gdim : 2 * gdim + (1 if gdim == 2 else 3)]
+            if (angle := float(np.linalg.norm(turn))) > CHORD:
+                raise StepFailed(
+                    f"an obstacle with friction turns by {angle:.3g} rad in an increment, "
+                    f"which are to turn it by at most {CHORD:g}"
+                )

@@ -1,0 +1,90 @@
+"""Load steps that take all load off bodies which contact alone holds.
+
+Without load contact holds nothing: nothing resists what bodies do as a whole then, and iterates
+would go where rounding drives them. Weak springs that count from the last iterate, as of the
+proximal point algorithm (Rockafellar 1976), let them stay: they bear nothing once it is at rest.
+With all but a hundredth of the load friction holds them still; what is left goes without.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.finite.falling import HARDLY_HELD, on_bodies
+from dolfinx_llm.finite.load_step import Equations, LoadStep
+from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact
+from dolfinx_llm.operators.bodies import Bodies
+from dolfinx_llm.operators.motions import left_by_supports
+
+NEARLY_ALL = 0.99  # of a load, up to which it goes with friction
+NO_LOAD = 1e-9  # of what bears a body at the start of a step, that does not load it
+
+
+def freed(steps: Equations, step: LoadStep) -> Array | None:
+    """(n_local,) the dofs of bodies that supports do not hold, that contact bears at the start of a
+    step, and that have no load at its end, 1 and 0; None: there are no such bodies, or it is not
+    looked for, in time and with follower loads. Collective."""
+    if steps.bodies.in_time or steps.followers or not any(p.what.parts for p in steps.interfaces):
+        return None
+    dofs, start = steps.bodies.dofs, step.start
+    bodies = Bodies(dofs.spaces, dofs.of_nodes)
+    of, parts = left_by_supports(bodies, dofs.fixed)
+    on = on_bodies(bodies, dofs, steps.interfaces)
+    loose = ~_tied_to_supports(steps, on, np.setdiff1d(np.arange(bodies.count), of))
+    if not loose.any():
+        return None
+    bears, loads = start.pushed[bodies.dofs], (start.pushed + step.unbalanced)[bodies.dofs]
+    work = np.zeros((bodies.count, 3))
+    for k, moved in enumerate((0.0, 0.0, 1.0)):
+        x = bodies.points + moved * start.u[bodies.dofs].reshape(bodies.points.shape)
+        modes = bodies.own_modes(bodies.label, x).reshape(-1, bodies.ways)
+        of_bodies = np.zeros((bodies.count, bodies.ways))
+        label = np.repeat(bodies.label, bodies.components)
+        np.add.at(of_bodies, label, modes * (loads if k else bears)[:, None])
+        along = np.einsum("kw,kw->k", bodies.comm.allreduce(of_bodies)[of], parts)
+        np.maximum.at(work[:, k], of, np.abs(along))
+    # Internal forces have no moment about where nodes are, of bodies that are linear as drawn.
+    empty = loose & (work[:, 0] > 0.0) & (work[:, 1:].min(axis=1) <= NO_LOAD * work[:, 0])
+    return dofs.spread(1.0 * empty[bodies.label]) if empty.any() else None
+
+
+def held_by_springs(steps: Equations, of: Array) -> Equations:
+    """The same with weak springs at some dofs, and without friction on their bodies, where it would
+    be rounding's; collective.
+
+    Args:
+        steps: with the bodies' stiffness as it is now.
+        of: (n_local,) as of ``freed``.
+    """
+    on_them = [placed.values(steps.bodies.dofs, of).any() for placed in steps.interfaces]
+    smooth = [
+        replace(placed, what=placed.what.reading({"mu": 0.0 * m, "cohesive": 0.0 * m}))
+        if on and (m := getattr(placed.what, "mu", None)) is not None
+        else placed
+        for on, placed in zip(on_them, steps.interfaces, strict=True)
+    ]
+    return replace(steps, interfaces=smooth, springs=HARDLY_HELD * steps.scale * of)
+
+
+def _tied_to_supports(steps: Equations, on: Array, held: Array) -> Array:
+    """(bodies,) which are held by supports, or tied to what is.
+
+    Args:
+        on: of ``on_bodies``.
+        held: numbers of bodies that supports hold.
+    """
+    ties: Sequence[Any] = [not placed.what.parts for placed in steps.interfaces]
+    rigid = [isinstance(placed.what, ObstacleContact) for placed in steps.interfaces]
+    stands = np.zeros(on.shape[1])
+    stands[held] = 1.0
+    stands[on[np.array(ties) & np.array(rigid)].any(axis=0)] = 1.0
+    joined = csr_matrix(on[np.array(ties)].astype(float))
+    _, group = connected_components(joined.T @ joined, directed=False)
+    return np.asarray((np.bincount(group, stands) > 0.0)[group])
