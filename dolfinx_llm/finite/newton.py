@@ -33,10 +33,11 @@ from dolfinx_llm.finite.passage import (
     check_held,
     check_obstacle,
     check_passage,
-    check_poses,
+    check_slips,
     left_over_edge,
 )
-from dolfinx_llm.finite.unloading import NEARLY_ALL, freed, held_by_springs
+from dolfinx_llm.finite.turning import check_poses
+from dolfinx_llm.finite.unloading import NEARLY_ALL, freed, held_by_springs, let_go
 from dolfinx_llm.laws.rows import SLIP, STICK
 
 log = logging.getLogger("dolfinx_llm")
@@ -164,7 +165,7 @@ class NewtonSteps:
         start = self._reached
         unknown = any(status is None for status in start.status)
         steps = self.equations
-        if self._freed is not None and end == 1.0:
+        if end == 1.0 and let_go(self._freed, step.start, start, steps.bodies.dofs.comm):
             steps = held_by_springs(steps, self._freed)
         run = Increment(steps, start, step, end, draws=not unknown)
         rests = unknown and run.converged()
@@ -192,6 +193,7 @@ class NewtonSteps:
                     check_passage(placed.what, place, t.place)
                 else:
                     check_obstacle(placed.what, ((z, q, pose), (t.place.z, own, posed)), t.place)
+            check_slips(placed.what, run.held[i], t)
             if run.end == 1.0:  # on the way there obstacles go along arcs, supports along chords
                 with collective(run.dofs.comm):
                     check_held(placed.what, t)

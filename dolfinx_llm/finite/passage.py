@@ -1,5 +1,5 @@
 """Where nodes have gone in an increment: through the frame, through another body or an obstacle,
-or over the frame's edge; and how far obstacles do.
+or over the frame's edge, or off the way that slip counts.
 
 An increment that carries a body wholly through another leaves no node behind a facet: what tells of
 it are the states between, with all nodes on straight ways, and how deep they go into closed
@@ -8,32 +8,28 @@ outlines.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.base.parallel import collective
-from dolfinx_llm.finite.failures import StepFailed, failing
+from dolfinx_llm.finite.failures import StepFailed
 from dolfinx_llm.finite.frame.location import INSIDE
 from dolfinx_llm.finite.frame.self_sides import CROSSED, SelfSides
 from dolfinx_llm.finite.frame.sides import Sides
-from dolfinx_llm.finite.load_step import Equations, NewtonState
-from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstacleFriction
-from dolfinx_llm.finite.obstacles.pressed_obstacle import Pressed
+from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact
 from dolfinx_llm.finite.pairs.normal_contact import OVER, NormalPlace
-from dolfinx_llm.finite.pairs.terms import ContactTerms, MovingContact, Place
+from dolfinx_llm.finite.pairs.slides import Slides
+from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, MovingContact, Place
 from dolfinx_llm.geometry.cells import areas_around, cell_sizes, outline_edges
 from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.interface.against import checked_clearance
 from dolfinx_llm.interface.supports import HELD_IN
 
-CHORD = 0.8  # rad, by which obstacles with friction turn in an increment at most
 AHEAD = 0.5  # of a facet: no deeper lies what is in front of the frame at first
 THROUGH = 1.0  # of a facet: deeper lies what has gone through it
+OFF_WAY = 0.1  # of a facet: what slip may lie off the way of nodes that meet
 BORE = 1e-9  # of the largest force, below which there is none
 INTO = 0.2  # of a facet: no deeper in an obstacle has been what has not gone through it
 FINE = 0.1  # of a facet, by which nodes move between the states looked at beside obstacles
@@ -254,27 +250,24 @@ def left_over_edge(before: Place, force: Array, after: Place) -> Array:
     return bore & (~after.at.met | (after.at.beyond > OVER))
 
 
-def check_poses(equations: Equations, run: Any, start: NewtonState) -> None:
-    """Require that obstacles with friction turn against bodies by little, as slip is a chord,
-    and forces on planes that contact can take; in time what pulls parts after the step. Collective.
+def check_slips(contact: MovingContact, held: Held, now: ContactTerms) -> None:
+    """Require that nodes which meet in an increment and slip do so along their way in it.
 
     Args:
-        equations: what is solved.
-        run: an ``Increment`` that starts from ``start``.
+        contact: an interface.
+        held: what was chosen for the increment.
+        now: at its end.
 
     Raises:
-        StepFailed: they do not.
+        StepFailed: they count from where an iterate has met, far from that; the same on every rank.
     """
-    of = zip(equations.interfaces, run.poses, start.poses, run.terms, strict=True)
-    for placed, now, before, t in of:
-        if isinstance(placed.what, Pressed) and not equations.bodies.in_time:
-            with failing(), collective(run.dofs.comm):
-                placed.what.check_pressed(t.place, now)
-        if isinstance(placed.what, ObstacleFriction) and not run.turned:
-            gdim = placed.what.sides.gdim
-            turn = (now - before)[2 * gdim : 2 * gdim + (1 if gdim == 2 else 3)]
-            if (angle := float(np.linalg.norm(turn))) > CHORD:
-                raise StepFailed(
-                    f"an obstacle with friction turns by {angle:.3g} rad in an increment, "
-                    f"which are to turn it by at most {CHORD:g}"
-                )
+    if not isinstance(contact, Slides):
+        return
+    off, size = contact.off_way(now.place, held, now.status), contact.sides.mover.facet_size
+    if off.max(initial=0.0) > OFF_WAY * size:
+        worst = int(off.argmax())
+        x = contact.sides.split(now.place.z)[0][worst] + contact.sides.mover.origin
+        raise StepFailed(
+            f"nodes of {contact.sides.mover.name} meet in an increment and slip, at "
+            f"{checks.place(x)} {off[worst]:.3g} off the way that they go in it"
+        )

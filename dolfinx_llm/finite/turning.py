@@ -5,17 +5,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import collective
+from dolfinx_llm.finite.failures import StepFailed, failing
 from dolfinx_llm.finite.load_step import Equations, NewtonState
 from dolfinx_llm.finite.obstacles.mean_obstacle import MovingMean
+from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleFriction
 from dolfinx_llm.finite.obstacles.pose import Pose
 from dolfinx_llm.finite.obstacles.pressed_obstacle import Pressed
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.numbering import BodyDofs
 
+CHORD = 0.8  # rad, by which obstacles with friction turn in an increment at most
 RIGID = 1e-9  # of the size of what is prescribed, up to which a rigid motion is one
 AT_REST = 1e-6  # turn in radians that is none
 
@@ -109,3 +114,29 @@ def _turned(
     found = u.copy()
     found[at] = (there - X).ravel()
     return found, R
+
+
+def check_poses(equations: Equations, run: Any, start: NewtonState) -> None:
+    """Require that obstacles with friction turn against bodies by little, as slip is a chord,
+    and forces on planes that contact can take; in time what pulls parts after the step. Collective.
+
+    Args:
+        equations: what is solved.
+        run: an ``Increment`` that starts from ``start``.
+
+    Raises:
+        StepFailed: they do not.
+    """
+    of = zip(equations.interfaces, run.poses, start.poses, run.terms, strict=True)
+    for placed, now, before, t in of:
+        if isinstance(placed.what, Pressed) and not equations.bodies.in_time:
+            with failing(), collective(run.dofs.comm):
+                placed.what.check_pressed(t.place, now)
+        if isinstance(placed.what, ObstacleFriction) and not run.turned:
+            gdim = placed.what.sides.gdim
+            turn = (now - before)[2 * gdim : 2 * gdim + (1 if gdim == 2 else 3)]
+            if (angle := float(np.linalg.norm(turn))) > CHORD:
+                raise StepFailed(
+                    f"an obstacle with friction turns by {angle:.3g} rad in an increment, "
+                    f"which are to turn it by at most {CHORD:g}"
+                )

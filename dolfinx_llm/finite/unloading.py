@@ -10,20 +10,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
+from mpi4py import MPI
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.finite.falling import HARDLY_HELD, on_bodies
-from dolfinx_llm.finite.load_step import Equations, LoadStep
+from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.motions import left_by_supports
 
 NEARLY_ALL = 0.99  # of a load, up to which it goes with friction
+LEFT_OVER_LOAD = 0.05  # of what bore bodies, to which it has gone with nearly all of the load
 NO_LOAD = 1e-9  # of what bears a body at the start of a step, that does not load it
 
 
@@ -53,6 +55,24 @@ def freed(steps: Equations, step: LoadStep) -> Array | None:
     # Internal forces have no moment about where nodes are, of bodies that are linear as drawn.
     empty = loose & (work[:, 0] > 0.0) & (work[:, 1:].min(axis=1) <= NO_LOAD * work[:, 0])
     return dofs.spread(1.0 * empty[bodies.label]) if empty.any() else None
+
+
+def let_go(
+    of: Array | None, start: NewtonState, now: NewtonState, comm: MPI.Comm
+) -> TypeGuard[Array]:
+    """Whether what bore bodies goes with their load: others, or supports, may press on them, too;
+    collective.
+
+    Args:
+        of: as of ``freed``.
+        start, now: of the load step, and with nearly all of the load off.
+        comm: of the bodies.
+    """
+    if of is None:
+        return False
+    mine = [float(np.abs(state.pushed[of > 0.0]).max(initial=0.0)) for state in (start, now)]
+    before, after = np.max(comm.allgather(mine), axis=0)
+    return bool(after <= LEFT_OVER_LOAD * before)
 
 
 def held_by_springs(steps: Equations, of: Array) -> Equations:

@@ -15,6 +15,7 @@ import numpy as np
 from dolfinx_llm.base.arrays import Array
 
 PULL_SHARE = 0.01  # of what pairs have pressed with, up to which nothing is said
+HAS_PRESSED = 1e-6  # of the largest impulse of an interface, below which another has none
 TOLD_AGAIN = 2.0  # times the share that has been told, from which on it is told again
 
 
@@ -23,14 +24,17 @@ class Pulls:
 
     Args:
         name: of the interface.
+
+    Attributes:
+        pressed: impulse of what has pressed so far [force time].
     """
 
     def __init__(self, name: str) -> None:
         self.name, self._told = name, PULL_SHARE / TOLD_AGAIN
-        self._last, self._pressed, self._pulled = np.zeros(0), 0.0, 0.0
+        self._last, self.pressed, self._pulled = np.zeros(0), 0.0, 0.0
 
-    def told(self, sides: Sequence[Any], dt: float) -> list[str]:
-        """What is to be said after a step of length dt [time].
+    def take(self, sides: Sequence[Any], dt: float) -> None:
+        """See a step of length dt [time].
 
         Args:
             sides: of the interface's result.
@@ -38,11 +42,21 @@ class Pulls:
         now: Array = np.concatenate([side.pressing for side in sides])
         if len(now) == len(self._last):
             self._pulled -= dt * float(now[(now < 0.0) & (self._last > 0.0)].sum())
-        self._pressed += dt * float(now[now > 0.0].sum())
+        self.pressed += dt * float(now[now > 0.0].sum())
         self._last = now
-        if self._pulled <= TOLD_AGAIN * self._told * self._pressed:
+
+    def told(self, largest: float) -> list[str]:
+        """What is to be said after a step.
+
+        Args:
+            largest: impulse so far of any interface: one with next to none of it has been touched
+                by rounding alone [force time].
+        """
+        if self.pressed <= HAS_PRESSED * largest:
             return []
-        self._told = share = self._pulled / self._pressed
+        if self._pulled <= TOLD_AGAIN * self._told * self.pressed:
+            return []
+        self._told = share = self._pulled / self.pressed
         return [
             f"interface {self.name}: pairs that open have pulled with {share:.1%} of what they "
             "pressed with since the start, in moments without friction: friction may be too large "

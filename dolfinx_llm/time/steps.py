@@ -121,8 +121,7 @@ class Steps(Starting):
             if kept is None or not at:
                 self._touch, self._at = touch, self._values(self._u)
                 self.t += dt
-                of = zip(self._pulls, self.problem.results, strict=True)
-                warn(self.comm, [w for p, r in of if p for w in p.told(r.sides, dt)], ())
+                warn(self.comm, self._pulled(dt), ())
                 if self._accepted is not None:
                     with collective(self.comm):
                         self._accepted(self)
@@ -131,6 +130,15 @@ class Steps(Starting):
             log.info("a step of %.3g in which bodies meet or part is divided", dt)
         self._advance(at * dt, divisions - 1, later + (1.0 - at) * dt)
         self._advance((1.0 - at) * dt, divisions - 1, later)
+
+    def _pulled(self, dt: float) -> list[str]:
+        """What is to be said of pairs that have pulled, with a step of length dt."""
+        both = zip(self._pulls, self.problem.results, strict=True)
+        rubs = [(pulls, result.sides) for pulls, result in both if pulls]
+        for pulls, sides in rubs:
+            pulls.take(sides, dt)
+        largest = max((pulls.pressed for pulls, _ in rubs), default=0.0)
+        return [words for pulls, _ in rubs for words in pulls.told(largest)]
 
     def _met(self) -> tuple[Touch, float]:
         """What bodies meet with now, and where the step is to be divided; 0: nowhere."""

@@ -1,4 +1,4 @@
-"""Bodies that contact alone holds, at finite deformation: the load is taken off, and put on again."""
+"""Bodies that contact alone holds, at finite deformation: load is taken off, and put on again."""
 
 import numpy as np
 import pytest

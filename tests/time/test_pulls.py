@@ -3,6 +3,7 @@ makes friction too large, which is said."""
 
 import logging
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import ufl
@@ -12,6 +13,7 @@ from mpi4py import MPI
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
+from dolfinx_llm.time.pulls import Pulls
 
 COMM = MPI.COMM_SELF
 MU, SPEED, G, RHO, E = 0.5, 0.6, 9.81, 1000.0, 1e7
@@ -45,3 +47,13 @@ def test_friction_of_a_block_that_swings_is_told(caplog):
     assert 0.05 < lost - 1.0 < 2.0 * told[-1]  # without a word before
     lost, told = slowed(caplog, 0.1)
     assert abs(lost - 1.0) < 0.02 and not told
+
+
+def test_what_rounding_alone_has_touched_is_not_told():
+    """Another interface, where the wave has not come to yet, had pulled with 26,450 %."""
+    pressed, touched = Pulls("1 | 2"), Pulls("2 | 3")
+    for now, noise in ((1.0, 1e-15), (2.0, -3e-15)):
+        pressed.take([SimpleNamespace(pressing=np.array([now]))], 0.1)
+        touched.take([SimpleNamespace(pressing=np.array([noise]))], 0.1)
+    assert not touched.told(pressed.pressed) and not pressed.told(pressed.pressed)
+    assert "300.0%" in touched.told(touched.pressed)[0]

@@ -234,7 +234,7 @@ class ObstacleContact(Slides):
         X = self.posed(held.pose_before).back(self.sides.split(place.z)[0])
         gap = self.sides.control @ self._clearance(X)
         gap[gap < MET_AT * surface.facet_size] = 0.0
-        return Origin(self.sides.control @ X, gap, closed)
+        return Origin(points := self.sides.control @ X, gap, closed, first=points)
 
     def here(self, place: ObstaclePlace) -> Array:
         """(n, gdim) where the nodes' places were drawn [length]."""

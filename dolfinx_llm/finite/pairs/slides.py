@@ -23,7 +23,7 @@ from dolfinx_llm.base.sparse import diagonal, summing
 from dolfinx_llm.finite.frame.location import OnFrame
 from dolfinx_llm.finite.pairs.friction_law import in_plane
 from dolfinx_llm.finite.pairs.terms import Held, MovingContact, Origin
-from dolfinx_llm.laws.rows import CLOSED, OPEN
+from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP
 
 MET_AT = 1e-9  # gap over facet size at the start that is none
 ALMOST = 1e-3  # part of the gap at the start at which a pair has met
@@ -86,6 +86,26 @@ class Slides(MovingContact):
         met |= before == 0.0
         return replace(origin, points=points, touched=origin.touched | (first & met))
 
+    def off_way(self, place: Any, held: Held, status: Array) -> Array:
+        """(n,) by how far slip of pairs that have met in an increment lies off their way in it: it
+        counts from where an iterate has met, which may have gone elsewhere [length].
+
+        Args:
+            place, held, status: at the end of the increment.
+        """
+        origin, normal = held.origin, place.normal
+        if origin is None or origin.first is None:
+            return np.zeros(len(normal))
+        ways = (
+            self.way(place, replace(origin, points=p))[0] for p in (origin.points, origin.first)
+        )
+        slip, way = (in_plane(normal, w) for w in ways)
+        size = np.einsum("ni,ni->n", way, way)
+        part = np.einsum("ni,ni->n", slip, way) / np.where(size > 0.0, size, 1.0)
+        off = np.linalg.norm(slip - np.clip(part, 0.0, 1.0)[:, None] * way, axis=1)
+        met = origin.touched & (origin.gap > 0.0) & np.isfinite(origin.gap) & (status == SLIP)
+        return np.where(met, off, 0.0)
+
     def slip(self, place: Any, held: Held, since: Array, earlier: Any) -> Array:
         """(n, gdim) how far pairs have gone along what they touch in the load step [length].
 
@@ -130,7 +150,8 @@ class SlidesOnFrame(Slides):
         gap = np.where(outside, C @ at.gap, place.gap)
         gap[gap < np.where(outside, CONTINUED, MET_AT) * self.design.size] = 0.0
         points = self.here(place) + diagonal(outside) @ C @ rows
-        return Origin(points.tocsr(), gap, closed)
+        points = points.tocsr()
+        return Origin(points, gap, closed, first=points)
 
     def here(self, place: Any) -> csr_matrix:
         """(n, m) rows now, of points straight below the pairs. At second order those of control

@@ -26,6 +26,7 @@ class Origin:
     gap: Array  # (n,) at the start of the increment; inf where there was none [length]
     touched: Array  # (n,) pairs that have been in contact since
     drags: bool = False  # forces depend on it
+    first: Any = None  # ``points`` at the start of the increment; None: not known
 
 
 def _none() -> Array:
