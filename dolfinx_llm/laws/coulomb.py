@@ -27,6 +27,7 @@ from dolfinx_llm.laws.rows import OPEN, SLIP, STICK, UNBOUNDED, LawNodes, LawRow
 
 AT_LEAST_0 = "give a finite number of at least 0"
 METHODS = ("newton", "switch")
+NO_PRESSURE = 1e-8  # of the largest normal force, up to which a node does not press
 AT_LIMIT = 1e-10  # relative: so near to the limit what has slipped slips, what has stuck sticks
 Varying = float | Array | Callable[[Array], Array]  # or a dolfinx Function
 
@@ -149,8 +150,9 @@ class Coulomb(Law):
 
     @staticmethod
     def _cohesive(nodes: LawNodes) -> Array:
-        """(k,) what nodes that press bear without any normal force [force]."""
-        return np.where(nodes.N > 0.0, nodes.given["cohesive"], 0.0)
+        """(k,) what nodes that press by more than rounding bear beside friction [force]."""
+        presses = nodes.N > NO_PRESSURE * np.abs(nodes.N).max(initial=0.0)
+        return np.where(presses, nodes.given["cohesive"], 0.0)
 
     def rows(self, nodes: LawNodes) -> LawRows:
         T, s, delta = nodes.force, nodes.sums(self._bound(nodes)), nodes.slip

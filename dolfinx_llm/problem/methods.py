@@ -43,14 +43,14 @@ class Setting:
         """Set up the form; collective."""
         form.prepare(self.bulk.take_K() if form.takes_K else self.bulk.K, self.operators)
 
-    def other(self) -> "Setting | None":
-        """For contact that comes to no rest, as a warning says; None where options say how steps
-        are solved, no other form serves, or this is the other one. Collective."""
+    def other(self, failed: str) -> "Setting | None":
+        """For load steps that have failed, as a warning says in words for how; None where options
+        say how steps are solved, no other form serves, or this is the other one. Collective."""
         if self.options or self.is_other:
             return None
         if not (other := other_form(self.form, self.bulk.K, self.operators)):
             return None
-        why = f"contact came to no rest in the {self.form} form: load steps go on by {other}"
+        why = f"{failed} in the {self.form} form: load steps go on by {other}"
         warn(self.operators.comm, [why], [])
         return replace(self, form=other, why=why, is_other=True)
 
@@ -183,9 +183,10 @@ class ContactMethod:
         self._reported = multiplier
         return u, multiplier, v
 
-    def _other(self) -> str:
-        """Have another form solve steps from now on, and say which; "" if there is none."""
-        if self.in_time or not (setting := self.setting.other()):
+    def _other(self, failed: str) -> str:
+        """Have another form solve steps from now on, and say which, and how this one has failed;
+        "" if there is none."""
+        if self.in_time or not (setting := self.setting.other(failed)):
             return ""
         self.renew(setting, keep=True)
         self.setting.prepare(self.form)

@@ -80,8 +80,8 @@ class Momenta:
         own = [MB * end.v[:, None], B0 * Mv0[:, None]]
         own += [-impulse[0] * B0 * start.F[:, None], -impulse[1] * B * end.F[:, None]]
         own += [np.stack([end.v * Mv, start.v * Mv0 - 2.0 * mean * (end.u - start.u)], axis=1)]
-        own += [(MB[:, :, None] * B[:, None]).reshape(len(B), -1)]
-        own += [(B0[:, n:, None] * MB[:, None, :n]).reshape(len(B), -1)]
+        own += [(MB[:, :, None] * B[:, None]).reshape(len(B), B.shape[1] ** 2)]
+        own += [(B0[:, n:, None] * MB[:, None, :n]).reshape(len(B), (B.shape[1] - n) * n)]
         sums = np.zeros((len(free), sum(part.shape[1] for part in own)))
         np.add.at(sums, of, np.concatenate(own, axis=1))
         sums = self._comm.allreduce(sums)
@@ -130,7 +130,8 @@ class Momenta:
     def _motions(self, u: Array) -> Array:
         """(n_local, r) translations, and turns of bodies at u about the origin."""
         x = self._x + u.reshape(self._x.shape)
-        return rigid_modes(x).reshape(x.size, -1)
+        modes = rigid_modes(x)
+        return modes.reshape(x.size, modes.shape[2])
 
 
 def _bodies(interface: Any, spaces: Sequence[Any], labels: Sequence[Array]) -> Array:

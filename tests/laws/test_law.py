@@ -68,6 +68,14 @@ def test_layer_by_hand():
     assert rigid.rhs.item() / rigid.C_jump.item() == pytest.approx(0.2)
 
 
+def test_cohesion_is_of_nodes_that_press():
+    """Not of open ones, whose forces are rounding: their neighbours had borne it for them."""
+    law = llm.Coulomb(0.5, cohesion=3.0)
+    nodes = nodes_of(law, np.zeros((4, 1)), N=[2.0, 1e-15, -1e-15, 1e-3])
+    nodes = replace(nodes, given=law.begin_step(nodes))
+    np.testing.assert_allclose(law.strength(nodes), [7.0, 0.0, 0.0, 6.0 + 5e-4], atol=1e-12)
+
+
 def differences(law, nodes, h=1e-7):
     """Greatest difference between the rows' slopes and those of what they leave."""
     rng = np.random.default_rng(7)

@@ -128,7 +128,7 @@ class Multigrid:
         modes = rigid_modes((x - 0.5 * (low + high)) / np.linalg.norm(high - low))
         one = self.matrix.createVecLeft()
         one.set(1.0)
-        free = np.where(self.dofs.fixed[:, None], 0.0, modes.reshape(len(u), -1))
+        free = np.where(self.dofs.fixed[:, None], 0.0, modes.reshape(len(u), modes.shape[2]))
         near_null_space(self.matrix, one, free)
         one.destroy()
 
