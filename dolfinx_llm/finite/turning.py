@@ -4,7 +4,7 @@ which sees turns as strains."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,12 +17,22 @@ from dolfinx_llm.finite.obstacles.mean_obstacle import MovingMean
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleFriction
 from dolfinx_llm.finite.obstacles.pose import Pose
 from dolfinx_llm.finite.obstacles.pressed_obstacle import Pressed
+from dolfinx_llm.laws.rows import OPEN
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.numbering import BodyDofs
 
 CHORD = 0.8  # rad, by which obstacles with friction turn in an increment at most
 RIGID = 1e-9  # of the size of what is prescribed, up to which a rigid motion is one
 AT_REST = 1e-6  # turn in radians that is none
+
+
+@dataclass(frozen=True, eq=False)
+class Carrier:
+    """An obstacle that leads no dofs."""
+
+    before: Array  # (n, gdim) points on it
+    after: Array  # (n, gdim) where it takes them
+    held: Array  # dofs of nodes that friction holds on it; none where nothing does
 
 
 def with_what_turns(
@@ -48,12 +58,13 @@ def with_what_turns(
 
 def _prescribed(
     steps: Equations, good: NewtonState, target: Array, poses: Sequence[Array]
-) -> tuple[Array, Array, list[tuple[Array, Array]]] | None:
+) -> tuple[Array, Array, list[Carrier]] | None:
     """Where supports, and obstacles that bodies are tied to, lead to (n_local,), and which dofs;
-    points (n, gdim) on others, and where these take them. None where obstacles yield."""
-    dofs, goes = steps.bodies.dofs, list[tuple[Array, Array]]()
+    the other obstacles. None where obstacles yield."""
+    dofs, goes = steps.bodies.dofs, list[Carrier]()
     fixed, target = dofs.fixed.copy(), target.copy()
-    for placed, before, pose in zip(steps.interfaces, good.poses, poses, strict=True):
+    of_each = zip(steps.interfaces, good.poses, poses, good.status, strict=True)
+    for placed, before, pose, status in of_each:
         if not len(pose):
             continue
         if led := placed.what.led(pose):
@@ -65,7 +76,10 @@ def _prescribed(
         else:
             x = placed.at(dofs, good.u).reshape(-1, dofs.gdim)
             then, now = (Pose.of(numbers, dofs.gdim) for numbers in (before, pose))
-            goes.append((x, now.on(then.back(x))))
+            presses = status is not None and bool(np.any(status != OPEN))
+            rubs = presses and isinstance(placed.what, ObstacleFriction)
+            held = placed.numbers if rubs else placed.numbers[:0]
+            goes.append(Carrier(x, now.on(then.back(x)), held))
     return target, fixed, goes
 
 
@@ -74,18 +88,19 @@ def _turned(
     u: Array,
     target: Array,
     fixed: Array,
-    goes: Sequence[tuple[Array, Array]],
+    goes: Sequence[Carrier],
 ) -> tuple[Array, Array] | None:
-    """All dofs after the rigid motion that takes prescribed ones to their targets, and its rotation
-    (gdim, gdim); None where there is no such motion, it does not turn, or a body is not held by as
-    many nodes as tell it. Collective.
+    """All dofs after the rigid motion that takes prescribed ones to their targets, or where there
+    are none obstacles to theirs, and its rotation (gdim, gdim); None where there is no such motion,
+    it does not turn, or a body is held neither by as many nodes as tell it nor by friction on an
+    obstacle. Collective.
 
     Args:
         dofs: of the bodies.
         u: (n_local,) where they are.
         target: (n_local,) where prescribed dofs are to be.
         fixed: (n_local,) which they are.
-        goes: points (n, gdim) on obstacles, and where these take them.
+        goes: obstacles that lead no dofs.
     """
     comm, gdim, at = dofs.comm, dofs.gdim, dofs.of_nodes
     X = dofs.points
@@ -93,14 +108,22 @@ def _turned(
     fixed = fixed[at].reshape(X.shape)
     whole = fixed.all(axis=1)
     n = comm.allreduce(int(whole.sum()))
-    if n < gdim:
+    carry = [one for one in goes if len(one.held)]
+    if n < gdim and len(carry) < 2:  # one alone may turn below a body that springs hold
         return None
-    a, b = comm.allreduce(np.array([x[whole].sum(axis=0), y[whole].sum(axis=0)])) / n
-    first, size, last = np.linalg.svd(comm.allreduce((y - b)[whole].T @ (x - a)[whole]))
+    if n < gdim:
+        before = np.concatenate([one.before for one in carry])
+        after = np.concatenate([one.after for one in carry])
+        a, b = before.mean(axis=0), after.mean(axis=0)
+        spread = np.einsum("ni,nj->ij", after - b, before - a)
+    else:
+        a, b = comm.allreduce(np.array([x[whole].sum(axis=0), y[whole].sum(axis=0)])) / n
+        spread = comm.allreduce((y - b)[whole].T @ (x - a)[whole])
+    first, size, last = np.linalg.svd(spread)
     first[:, -1] *= np.linalg.det(first @ last)
     R = first @ last
     there = (x - a) @ R.T + b
-    left = [(p - a) @ R.T + b - q for p, q in goes]
+    left = [(one.before - a) @ R.T + b - one.after for one in goes]
     parts = np.concatenate([(there - y)[fixed], *map(np.ravel, left)]), x - a
     mine = [float(np.abs(part).max(initial=0.0)) for part in parts]
     off, reach = np.max(comm.allgather(mine), axis=0)
@@ -108,8 +131,11 @@ def _turned(
     if not told or off > RIGID * reach:
         return None
     bodies = Bodies(dofs.spaces)  # one that is not held may stay where it is
-    held = comm.allreduce(np.bincount(bodies.label[whole], minlength=bodies.count))
-    if (held < gdim).any():
+    held = comm.allreduce(np.bincount(bodies.label[whole], minlength=bodies.count)) >= gdim
+    label = dofs.spread(bodies.label.astype(float))
+    for one in carry:
+        held[dofs.values(one.held, label).astype(int)] = True
+    if not held.all():
         return None
     found = u.copy()
     found[at] = (there - X).ravel()

@@ -26,6 +26,7 @@ from dolfinx_llm.operators.motions import left_by_supports
 
 NEARLY_ALL = 0.99  # of a load, up to which it goes with friction
 LEFT_OVER_LOAD = 0.05  # of what bore bodies, to which it has gone with nearly all of the load
+BEARS_IT = 1e-6  # of the largest force of contact, from which on their sum bears a body
 NO_LOAD = 1e-9  # of what bears a body at the start of a step, that does not load it
 
 
@@ -43,17 +44,22 @@ def freed(steps: Equations, step: LoadStep) -> Array | None:
     if not loose.any():
         return None
     bears, loads = start.pushed[bodies.dofs], (start.pushed + step.unbalanced)[bodies.dofs]
-    work = np.zeros((bodies.count, 3))
-    for k, moved in enumerate((0.0, 0.0, 1.0)):
+    label, work = np.repeat(bodies.label, bodies.components), np.zeros((2, 2, bodies.count))
+    for k, moved in enumerate((0.0, 1.0)):
         x = bodies.points + moved * start.u[bodies.dofs].reshape(bodies.points.shape)
         modes = bodies.own_modes(bodies.label, x).reshape(-1, bodies.ways)
-        of_bodies = np.zeros((bodies.count, bodies.ways))
-        label = np.repeat(bodies.label, bodies.components)
-        np.add.at(of_bodies, label, modes * (loads if k else bears)[:, None])
-        along = np.einsum("kw,kw->k", bodies.comm.allreduce(of_bodies)[of], parts)
-        np.maximum.at(work[:, k], of, np.abs(along))
+        both = np.zeros((2, bodies.count, bodies.ways))
+        for total, force in zip(both, (bears, loads), strict=True):
+            np.add.at(total, label, modes * force[:, None])
+        along = np.einsum("akw,kw->ak", bodies.comm.allreduce(both)[:, of], parts)
+        for most, found in zip(work[k], np.abs(along), strict=True):
+            np.maximum.at(most, of, found)
     # Internal forces have no moment about where nodes are, of bodies that are linear as drawn.
-    empty = loose & (work[:, 0] > 0.0) & (work[:, 1:].min(axis=1) <= NO_LOAD * work[:, 0])
+    bore, load = work.min(axis=0)
+    presses = np.zeros(bodies.count)
+    np.maximum.at(presses, label, np.abs(bears))
+    bodies.comm.Allreduce(MPI.IN_PLACE, presses, op=MPI.MAX)
+    empty = loose & (bore > BEARS_IT * presses) & (load <= NO_LOAD * bore)
     return dofs.spread(1.0 * empty[bodies.label]) if empty.any() else None
 
 

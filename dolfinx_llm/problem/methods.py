@@ -184,8 +184,7 @@ class ContactMethod:
         return u, multiplier, v
 
     def _other(self, failed: str) -> str:
-        """Have another form solve steps from now on, and say which, and how this one has failed;
-        "" if there is none."""
+        """Have another form solve steps from now on, and say which; "" if there is none."""
         if self.in_time or not (setting := self.setting.other(failed)):
             return ""
         self.renew(setting, keep=True)

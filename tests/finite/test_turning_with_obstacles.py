@@ -42,3 +42,34 @@ def test_by_a_right_angle_at_once(kind, law, round_one):
     assert np.abs(after.x - before.x @ R.T).max() < 1e-10
     assert np.abs(after.force - before.force @ R.T).max() < 1e-9 * largest
     assert np.abs(after.slip).max() < 1e-10 and (after.status == before.status).all()
+
+
+@pytest.mark.parametrize("kind", ["quad", "tet"])
+def test_clamped_between_obstacles_alone(kind):
+    """Friction between two planes that turn alike holds a block; forces came out 0.01 off."""
+    _, tags, V, u, F = block(kind, 3)
+    gdim = V.mesh.geometry.dim
+    e, centre = np.eye(gdim), np.full(gdim, 0.5)
+    low, high = (llm.RigidPlane(z * e[-1], s * e[-1]) for z, s in ((0.0, 1.0), (1.0, -1.0)))
+    interfaces = [
+        llm.Interface(tags, (side, plane), law=llm.Coulomb(0.4))
+        for side, plane in ((FOOT, low), (TOP, high))
+    ]
+    problem = llm.NonlinearContactProblem(F, u, interfaces=interfaces)
+    moved = -0.05 * e[-1]
+    for drag in (0.0, 0.01):
+        high.displacement = moved + drag * e[0]
+        problem.solve()
+    before = [result.sides[0] for result in problem.results]
+    R = Rotation.from_rotvec([0.0, 0.0, TURN] if gdim == 2 else [TURN, 0.0, 0.0]).as_matrix()
+    R = R[:gdim, :gdim]
+    for plane in (low, high):
+        plane.pivot = centre
+        plane.rotation = TURN if gdim == 2 else (TURN, 0.0, 0.0)
+    high.displacement = R @ (moved + 0.01 * e[0])
+    problem.solve()
+    assert len(problem.history) == 1
+    for result, side in zip(problem.results, before, strict=True):
+        (after,) = result.sides
+        assert np.abs(after.force - side.force @ R.T).max() < 1e-9 * np.abs(side.force).max()
+        assert np.abs(after.slip).max() < 1e-10
