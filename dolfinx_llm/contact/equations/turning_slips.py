@@ -13,6 +13,9 @@ from scipy.sparse import bsr_matrix, csr_matrix, diags
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
 
+SPREAD = (
+    0.06  # of the squared distance of a node to its speaker, that of the nodes which tell turns
+)
 IN_LINE = 0.03  # of squared distances along a line, across it: such nodes tell no turn from a shear
 
 
@@ -46,7 +49,8 @@ def by_turns(parts: csr_matrix, shared: csr_matrix, firm: Array, x: Array) -> cs
         [np.bincount(row, near.data * a * b, k) for a in arm.T for b in arm.T], axis=1
     )
     flat, broad = np.linalg.eigvalsh(tensor.reshape(k, 2, 2)).T
-    inertia, told = flat + broad, flat > IN_LINE * broad
+    inertia, far = flat + broad, np.einsum("ki,ki->k", out, out)
+    told = (flat > IN_LINE * broad) & (inertia > SPREAD * mass * far)
     turn = np.where(told[row], near.data / np.where(told, inertia, 1.0)[row], 0.0)
     turn = turn[:, None] * np.column_stack([-arm[:, 1], arm[:, 0]])
     across = np.column_stack([-out[:, 1], out[:, 0]])[row]
