@@ -37,6 +37,10 @@ def freed(steps: Equations, step: LoadStep) -> Array | None:
     if steps.bodies.in_time or steps.followers or not any(p.what.parts for p in steps.interfaces):
         return None
     dofs, start = steps.bodies.dofs, step.start
+    mine = [float(np.abs(a).max(initial=0.0)) for a in (start.pushed, step.unbalanced)]
+    pushed, changed = np.max(dofs.comm.allgather(mine), axis=0)
+    if not changed > BEARS_IT * pushed > 0.0:  # as where supports alone move
+        return None
     bodies = Bodies(dofs.spaces, dofs.of_nodes)
     of, parts = left_by_supports(bodies, dofs.fixed)
     on = on_bodies(bodies, dofs, steps.interfaces)
