@@ -30,6 +30,7 @@ from dolfinx_llm.finite.settling import (
     foreseen,
     lands,
     opened_or_closed,
+    reach_of,
 )
 from dolfinx_llm.finite.turning import with_what_turns
 from dolfinx_llm.finite.two_obstacles import Doubled
@@ -44,6 +45,7 @@ TRUSTED = 0.03  # residual, relative, below which slip has its exact derivative
 TELLING = 0.3  # residual, relative, up to which the linear model tells which pairs touch at first
 LANDED = 1e-5  # residual, relative, below which solves leave next to nothing
 HELPED, LESS = 0.5, 0.1  # where it has not brought the residual down by as much: only below a tenth
+DAMPS = 1e-2  # of the stiffness: springs of damped iterations where all of a force is left
 CUTS = 8  # of a change that turns elements inside out
 
 
@@ -144,7 +146,7 @@ class Increment:
                 place = placed.what.place(z, q, held)
                 start = np.full(len(place.gap), OPEN) if before is None else before
                 opens = (NEARLY if before is None else NO_GAP) * size
-                reach = _reach(place, start, closes, opens)
+                reach = reach_of(place, start, closes, opens)
                 now, held = placed.what.touching(place, q, start, held, reach)
             places, starts = [*places, place], [*starts, start]
             status, found = [*status, now], [*found, held]
@@ -188,8 +190,7 @@ class Increment:
             with steps.times.timed("assembly of J"):
                 K = steps.bodies.tangent(self.u)
         try:
-            if steps.springs is not None:
-                add_springs(K, steps.springs)
+            _hold(self, K)
             du, changes = self._solve(K)
             exchanges = Exchanges()
             tells = self.lagged or (self.changes and (self.known or self.error < TELLING))
@@ -248,18 +249,14 @@ class Increment:
         return found
 
 
-def _reach(place: Any, start: Array, closed: float, opened: float) -> Array:
-    """(n,) gaps up to which pairs touch that bear nothing. Those that the linear model has closed
-    are judged by their forces: what gap is left is what it does not know, as of a way along a
-    tangent of what is round, and far more than soft pressure closes.
-
-    Args:
-        place: of the pairs.
-        start: (n,) their status in the model.
-        closed, opened: gaps that are none, of pairs that were [length].
-    """
-    left = np.where(place.pairs, np.maximum(closed, place.gap), closed)
-    return np.where(start != OPEN, left, opened)
+def _hold(run: Increment, K: PETSc.Mat) -> None:
+    """Add springs that hold bodies where they are, if there are any."""
+    if run.steps.springs is not None:
+        add_springs(K, run.steps.springs)
+    if run.steps.damped:
+        springs = np.zeros(len(run.u))
+        springs[run.dofs.of_nodes] = DAMPS * min(1.0, run.error) * run.steps.scale
+        add_springs(K, np.where(run.fixed, 0.0, springs))
 
 
 def _foresee(run: Increment, du: Array, changes: list[Array], exchanges: Exchanges) -> bool:

@@ -164,6 +164,8 @@ class Equations:
     # come and go: inertia, or a far stiffer body, would tell gaps of rounding from contact
     springs: Array | None = None  # (n_local,) that hold this rank's dofs where an iterate has put
     # them [force / length]
+    damped: bool = False  # others do in proportion to what is left of the forces, as of Levenberg
+    # and Marquardt: contact that holds bodies is not known yet
 
     def measure(self, u: Array) -> PETSc.Mat:
         """Find the bodies' stiffness at this rank's u: moduli may have changed, or a step in time

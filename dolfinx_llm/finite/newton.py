@@ -15,27 +15,20 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress, tell_iteration, warn
 from dolfinx_llm.base.parallel import chosen, collective
 from dolfinx_llm.finite import doubts
+from dolfinx_llm.finite.arrival import check_way
 from dolfinx_llm.finite.failures import (
+    FliesAway,
     Going,
     NothingHolds,
     StepFailed,
     check_flown,
-    failing,
     unbalanced,
     where,
 )
 from dolfinx_llm.finite.frame_slip import Slid
 from dolfinx_llm.finite.increment import Increment
 from dolfinx_llm.finite.load_step import Bodies, Equations, LoadStep, NewtonState, touching_of
-from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact
-from dolfinx_llm.finite.pairs.terms import ContactTerms, Place
-from dolfinx_llm.finite.passage import (
-    check_held,
-    check_obstacle,
-    check_passage,
-    check_slips,
-    left_over_edge,
-)
+from dolfinx_llm.finite.pairs.terms import ContactTerms
 from dolfinx_llm.finite.turning import check_poses
 from dolfinx_llm.finite.unloading import NEARLY_ALL, freed, held_by_springs, let_go
 from dolfinx_llm.laws.rows import SLIP, STICK
@@ -96,7 +89,7 @@ class NewtonSteps:
                 end = stop if done + part > stop - 1e-12 else done + part
                 begins(end - done)
                 try:
-                    self._reached = self._increment(step, end, bar)
+                    self._reached = self._damped_if_it_flies(step, end, bar)
                 except StepFailed as failed:
                     _check_start(self.equations.bodies, self._reached.u, failed)
                     part = 0.5 * min(part, end - done)
@@ -124,14 +117,27 @@ class NewtonSteps:
         bodies = self.equations.bodies
         return np.where(bodies.dofs.fixed, 0.0, bodies.residual(start.u) - start.pushed)
 
-    def _increment(self, step: LoadStep, end: float, bar: Any) -> NewtonState:
+    def _damped_if_it_flies(self, step: LoadStep, end: float, bar: Any) -> NewtonState:
+        """The end of an increment, in a second try where bodies fly away in the first."""
+        try:
+            return self._increment(step, end, bar)
+        except FliesAway as failed:
+            if self.equations.bodies.in_time:
+                raise
+            log.info("increment to %.4g failed: %s; damped", end, failed)
+            try:
+                return self._increment(step, end, bar, damped=True)
+            except StepFailed:
+                raise failed from None
+
+    def _increment(self, step: LoadStep, end: float, bar: Any, damped: bool = False) -> NewtonState:
         """Newton's iteration from the last state to the part ``end`` of a load step."""
         start = self._reached
         K = self.equations.measure(start.u)
         try:
             if not np.isfinite(self.equations.scale):
                 raise StepFailed("the derivative of F has entries that are NaN or infinite")
-            run, rests = self._begun(step, end)
+            run, rests = self._begun(step, end, damped)
             if run.turned:
                 K.destroy()
             before, going = [t.place for t in run.terms], Going()
@@ -142,7 +148,8 @@ class NewtonSteps:
                 self.history.append(entry)
                 tell_iteration(entry, bar)
                 if run.converged(going.noise, going.lingers(run.rest)):
-                    self._check(run, before, start)
+                    left = check_way(self.equations, run, before, start)
+                    self._left = [a | b for a, b in zip(self._left, left, strict=True)]
                     self._measure(run, step, start)
                     self.terms = run.terms
                     of = zip(self._slid, before, run.terms, run.held, start.status, strict=True)
@@ -159,45 +166,20 @@ class NewtonSteps:
             f"the largest {where(self.equations, _left(run))}"
         )
 
-    def _begun(self, step: LoadStep, end: float) -> tuple[Increment, bool]:
+    def _begun(self, step: LoadStep, end: float, damped: bool) -> tuple[Increment, bool]:
         """An increment before its first iteration, and whether it needs none: bodies are apart, and
         nothing is asked of them."""
         start = self._reached
         unknown = any(status is None for status in start.status)
-        steps = self.equations
+        steps = replace(self.equations, damped=damped)
         if end == 1.0 and let_go(self._freed, step.start, start, steps.bodies.dofs.comm):
             steps = held_by_springs(steps, self._freed)
-        run = Increment(steps, start, step, end, draws=not unknown)
+        run = Increment(steps, start, step, end, not unknown)
         rests = unknown and run.converged()
         if run.undrawn and not rests:
             run = Increment(steps, start, step, end)
         check_poses(self.equations, run, start)
         return run, rests
-
-    def _check(self, run: Increment, before: list[Place], start: NewtonState) -> None:
-        """Require an equilibrium that the bodies can have come to; collective.
-
-        Raises:
-            StepFailed: cells are inside out, or bodies have passed each other.
-            ContactError: supports hold both sides in each other; smaller increments do as well.
-        """
-        count, first = self.equations.bodies.inside_out(run.u)
-        if count:
-            raise StepFailed(f"elements turn inside out: {count}, the first drawn at {first}")
-        interfaces = self.equations.interfaces
-        of = zip(interfaces, before, start.own, start.poses, run.own, run.poses, run.terms)
-        for i, (placed, place, q, pose, own, posed, t) in enumerate(of):
-            z = placed.at(run.dofs, start.u) if isinstance(placed.what, ObstacleContact) else None
-            with failing(), collective(run.dofs.comm):
-                if z is None:
-                    check_passage(placed.what, place, t.place)
-                else:
-                    check_obstacle(placed.what, ((z, q, pose), (t.place.z, own, posed)), t.place)
-            check_slips(placed.what, run.held[i], t)
-            if run.end == 1.0:  # on the way there obstacles go along arcs, supports along chords
-                with collective(run.dofs.comm):
-                    check_held(placed.what, t)
-            self._left[i] = self._left[i] | left_over_edge(place, q, t.place)
 
     def _measure(self, run: Increment, step: LoadStep, start: NewtonState) -> None:
         """How far bodies have gone in an increment, and what moved them: where supports and

@@ -1,5 +1,5 @@
 """Where nodes have gone in an increment: through the frame, through another body or an obstacle,
-or over the frame's edge, or off the way that slip counts.
+or over the frame's edge.
 
 An increment that carries a body wholly through another leaves no node behind a facet: what tells of
 it are the states between, with all nodes on straight ways, and how deep they go into closed
@@ -14,14 +14,12 @@ from scipy.spatial import cKDTree
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.finite.failures import StepFailed
 from dolfinx_llm.finite.frame.location import INSIDE
 from dolfinx_llm.finite.frame.self_sides import CROSSED, SelfSides
 from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact
 from dolfinx_llm.finite.pairs.normal_contact import OVER, NormalPlace
-from dolfinx_llm.finite.pairs.slides import Slides
-from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, MovingContact, Place
+from dolfinx_llm.finite.pairs.terms import ContactTerms, MovingContact, Place
 from dolfinx_llm.geometry.cells import areas_around, cell_sizes, outline_edges
 from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.interface.against import checked_clearance
@@ -29,7 +27,6 @@ from dolfinx_llm.interface.supports import HELD_IN
 
 AHEAD = 0.5  # of a facet: no deeper lies what is in front of the frame at first
 THROUGH = 1.0  # of a facet: deeper lies what has gone through it
-OFF_WAY = 0.1  # of a facet: what slip may lie off the way of nodes that meet
 BORE = 1e-9  # of the largest force, below which there is none
 INTO = 0.2  # of a facet: no deeper in an obstacle has been what has not gone through it
 FINE = 0.1  # of a facet, by which nodes move between the states looked at beside obstacles
@@ -248,26 +245,3 @@ def left_over_edge(before: Place, force: Array, after: Place) -> Array:
     force = force[: len(after.gap)]
     bore = (force > BORE * force.max(initial=0.0)) & (before.at.beyond <= OVER)
     return bore & (~after.at.met | (after.at.beyond > OVER))
-
-
-def check_slips(contact: MovingContact, held: Held, now: ContactTerms) -> None:
-    """Require that nodes which meet in an increment and slip do so along their way in it.
-
-    Args:
-        contact: an interface.
-        held: what was chosen for the increment.
-        now: at its end.
-
-    Raises:
-        StepFailed: they count from where an iterate has met, far from that; the same on every rank.
-    """
-    if not isinstance(contact, Slides):
-        return
-    off, size = contact.off_way(now.place, held, now.status), contact.sides.mover.facet_size
-    if off.max(initial=0.0) > OFF_WAY * size:
-        worst = int(off.argmax())
-        x = contact.sides.split(now.place.z)[0][worst] + contact.sides.mover.origin
-        raise StepFailed(
-            f"nodes of {contact.sides.mover.name} meet in an increment and slip, at "
-            f"{checks.place(x)} {off[worst]:.3g} off the way that they go in it"
-        )

@@ -9,7 +9,7 @@ from test_far_slides import Block
 from upright_blocks import FOOT, block
 
 import dolfinx_llm as llm
-from dolfinx_llm.finite import newton
+from dolfinx_llm.finite import arrival
 from dolfinx_llm.finite.failures import StepFailed
 
 pytestmark = pytest.mark.quick
@@ -44,8 +44,8 @@ def test_slips_off_the_way_are_refused(scene, monkeypatch):
     """A bent strip went 0.2 sideways, as slip counted from where an iterate had met; equilibrium
     was met, and friction by that."""
     seen = []
-    check = newton.check_slips
-    monkeypatch.setattr(newton, "check_slips", lambda *told: seen.append(told) or check(*told))
+    check = arrival.check_slips
+    monkeypatch.setattr(arrival, "check_slips", lambda *told: seen.append(told) or check(*told))
     _, move = scene()
     move()
     contact, held, now = seen[-1]
