@@ -3,6 +3,7 @@
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.forms.verdict import UNBALANCED, FinalError
 from dolfinx_llm.operators.floating import Floating
 
@@ -44,7 +45,8 @@ class Pull:
 
     def watch(self, alpha: Array, multiplier: Array, calm: int, noise: float) -> None:
         """See another iteration: where the motions went to (count,), λ, iterations since the state
-        of contact changed, rounding of forces. ``FinalError`` where nothing holds some bodies."""
+        of contact changed, rounding of forces. ``FinalError`` where nothing holds some bodies,
+        ``ContactError`` where it may be for a few pairs that are told wrongly."""
         if not self._floating.count:
             return
         moved = alpha - self.anchor
@@ -61,7 +63,8 @@ class Pull:
         stays = same and lengths[0] > STEADY * lengths[1]
         self._last, self._pulls = force, self._pulls + 1 if same and self.share > PLAIN else 0
         if self._pulls > PULLED or (calm > 1 and stays and self.share > self._least):
-            raise FinalError(out_of_balance(self._floating, self.share, moved, force))
+            kind = FinalError if self.share > PLAIN else ContactError
+            raise kind(out_of_balance(self._floating, self.share, moved, force))
         if calm:
             self.anchor = self._next(moved, calm)
         self._moved = moved
