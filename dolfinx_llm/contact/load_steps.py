@@ -21,6 +21,7 @@ from dolfinx_llm.forms.verdict import (
     SEVERAL,
     UNBALANCED,
     FinalError,
+    Imprecise,
     Verdict,
     beyond,
     check_lost,
@@ -98,9 +99,7 @@ def advance(
             continue
         try:
             u = _judged(iteration, found, f_t, g_t)
-        except FinalError:
-            raise
-        except ContactError as failed:  # slender bodies lose digits in some forms, not in all
+        except Imprecise as failed:  # slender bodies lose digits in some forms, not in all
             iteration.restore(before)
             if tied or not (other := instead("solves left too much of the forces")):
                 raise

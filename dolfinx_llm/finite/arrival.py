@@ -15,7 +15,7 @@ from dolfinx_llm.finite.pairs.slides import Slides
 from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, MovingContact, Place
 from dolfinx_llm.finite.passage import check_held, check_obstacle, check_passage, left_over_edge
 
-OFF_WAY = 0.1  # of a facet: what slip may lie off the way of nodes that meet
+OFF_WAY = 0.3  # of a facet: what slip may lie off the way of nodes that meet
 
 
 def check_way(

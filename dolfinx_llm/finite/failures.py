@@ -35,7 +35,7 @@ class FliesAway(StepFailed):
     """A body has gone farther than what holds it lets it."""
 
 
-class NothingHolds(FliesAway):
+class NothingHolds(StepFailed):
     """No motion balances what is left: smaller increments are hardly of help."""
 
 

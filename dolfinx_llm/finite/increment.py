@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective, told
 from dolfinx_llm.finite.failures import STUCK, check_solution, failing, inside_out
-from dolfinx_llm.finite.falling import NEARLY, add_springs, caught, falling, flight
+from dolfinx_llm.finite.falling import add_springs, caught, falling, flight
 from dolfinx_llm.finite.linear.parts import Part
 from dolfinx_llm.finite.load_step import (
     Equations,
@@ -145,7 +145,7 @@ class Increment:
             with collective(comm):
                 place = placed.what.place(z, q, held)
                 start = np.full(len(place.gap), OPEN) if before is None else before
-                opens = (NEARLY if before is None else NO_GAP) * size
+                opens = NO_GAP * size
                 reach = reach_of(place, start, closes, opens)
                 now, held = placed.what.touching(place, q, start, held, reach)
             places, starts = [*places, place], [*starts, start]

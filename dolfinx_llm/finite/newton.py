@@ -122,7 +122,10 @@ class NewtonSteps:
         try:
             return self._increment(step, end, bar)
         except FliesAway as failed:
-            if self.equations.bodies.in_time:
+            rubs = (
+                getattr(placed.what, "mu", None) is not None for placed in self.equations.interfaces
+            )
+            if self.equations.bodies.in_time or not any(rubs):  # friction may hold them
                 raise
             log.info("increment to %.4g failed: %s; damped", end, failed)
             try:

@@ -81,6 +81,10 @@ def beyond(value: float, terms: float) -> float:
     return max(value - SEVERAL * EPS * terms, 0.0)
 
 
+class Imprecise(ContactError):
+    """A solution of (31) of which the form that has solved it has lost some digits."""
+
+
 def judge(left: float, terms: float, forces: float, what: str, tolerance: float = 0.0) -> Verdict:
     """Accept a solution of (31), or say why not.
 
@@ -98,7 +102,7 @@ def judge(left: float, terms: float, forces: float, what: str, tolerance: float 
     residual, rounding = left / forces, EPS * terms / forces
     if left <= max(UNBALANCED * forces, SEVERAL * EPS * terms, tolerance):
         return Verdict(residual, rounding)
-    raise ContactError(
+    raise (Imprecise if residual < LOST else ContactError)(
         f"the solve failed: {residual:.1e} of the forces' size is left (allowed {UNBALANCED:.0e}; "
         f"rounding explains {rounding:.0e}), by {what}. Check supports, material data and the "
         "petsc_options given"
