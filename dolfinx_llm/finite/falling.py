@@ -56,9 +56,7 @@ def falling(
     rigid = np.array([isinstance(placed.what, ObstacleContact) for placed in interfaces])
     stands = of[touch & rigid & ~pressed].any(axis=0)
     stands[np.setdiff1d(np.arange(bodies.count), left_by_supports(bodies, dofs.fixed)[0])] = True
-    meets = csr_matrix(of[touch].astype(float))
-    _, group = connected_components(meets.T @ meets, directed=False)
-    falls = (np.bincount(group, stands) == 0.0)[group]
+    falls = without_hold(of[touch], stands)
     falls_on = of[:, falls].any(axis=1) | pressed
     return [i for i, a in enumerate(asks) if a and (touched[i] or falls_on[i])]
 
@@ -70,6 +68,18 @@ def on_bodies(bodies: Bodies, dofs: BodyDofs, interfaces: Sequence[Placed]) -> A
     for row, placed in zip(on, interfaces, strict=True):
         row[dofs.values(placed.numbers, label).astype(int)] = True
     return on
+
+
+def without_hold(joins: Array, stands: Array) -> Array:
+    """(bodies,) which hang together, by interfaces, with none that stands.
+
+    Args:
+        joins: (k, bodies) which bodies each of these interfaces is on.
+        stands: (bodies,) which are held by themselves.
+    """
+    joined = csr_matrix(joins.astype(float))
+    _, group = connected_components(joined.T @ joined, directed=False)
+    return np.asarray((np.bincount(group, stands) == 0.0)[group])
 
 
 def flight(

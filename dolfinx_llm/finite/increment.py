@@ -30,7 +30,6 @@ from dolfinx_llm.finite.settling import (
     foreseen,
     lands,
     opened_or_closed,
-    reach_of,
 )
 from dolfinx_llm.finite.turning import with_what_turns
 from dolfinx_llm.finite.two_obstacles import Doubled
@@ -138,15 +137,14 @@ class Increment:
         """Terms of the interfaces, with the status that their pairs have now."""
         places, starts, status, found, asks = (list[Any]() for _ in range(5))
         every, size, comm = self.steps.interfaces, self.steps.size, self.dofs.comm
-        closes = max(NO_GAP * size, self.doubt / self.steps.scale)
+        bounds = max(NO_GAP * size, self.doubt / self.steps.scale), NO_GAP * size  # closed, open
         for i, (placed, before, q) in enumerate(zip(every, self.status, self.own, strict=True)):
             near, z = self.error < self.trusted, placed.at(self.dofs, self.u)
             held = replace(self.held[i], lagged=self.lagged, near=near)
             with collective(comm):
                 place = placed.what.place(z, q, held)
                 start = np.full(len(place.gap), OPEN) if before is None else before
-                opens = NO_GAP * size
-                reach = reach_of(place, start, closes, opens)
+                reach = _reach(place, start, *bounds)
                 now, held = placed.what.touching(place, q, start, held, reach)
             places, starts = [*places, place], [*starts, start]
             status, found = [*status, now], [*found, held]
@@ -247,6 +245,20 @@ class Increment:
             self.evaluate()
             self.stuck = False  # it has been in balance
         return found
+
+
+def _reach(place: Any, start: Array, closed: float, opened: float) -> Array:
+    """(n,) gaps up to which pairs touch that bear nothing. Those that the linear model has closed
+    are judged by their forces: what gap is left is what it does not know, as of a way along a
+    tangent of what is round, and far more than soft pressure closes.
+
+    Args:
+        place: of the pairs.
+        start: (n,) their status in the model.
+        closed, opened: gaps that are none, of pairs that were [length].
+    """
+    left = np.where(place.pairs, np.maximum(closed, place.gap), closed)
+    return np.where(start != OPEN, left, opened)
 
 
 def _hold(run: Increment, K: PETSc.Mat) -> None:

@@ -125,7 +125,7 @@ class NewtonSteps:
             rubs = (
                 getattr(placed.what, "mu", None) is not None for placed in self.equations.interfaces
             )
-            if self.equations.bodies.in_time or not any(rubs):  # friction may hold them
+            if self.equations.bodies.in_time or not any(rubs):  # nothing else may hold them
                 raise
             log.info("increment to %.4g failed: %s; damped", end, failed)
             try:

@@ -107,17 +107,3 @@ def opened_or_closed(now: Sequence[Array], before: Sequence[Array]) -> int:
     """How many pairs of status (n,) per interface touch in one of two states alone."""
     both = zip(now, before, strict=True)
     return sum(int(((a != OPEN) != (b != OPEN)).sum()) for a, b in both)
-
-
-def reach_of(place: Any, start: Array, closed: float, opened: float) -> Array:
-    """(n,) gaps up to which pairs touch that bear nothing. Those that the linear model has closed
-    are judged by their forces: what gap is left is what it does not know, as of a way along a
-    tangent of what is round, and far more than soft pressure closes.
-
-    Args:
-        place: of the pairs.
-        start: (n,) their status in the model.
-        closed, opened: gaps that are none, of pairs that were [length].
-    """
-    left = np.where(place.pairs, np.maximum(closed, place.gap), closed)
-    return np.where(start != OPEN, left, opened)

@@ -8,17 +8,14 @@ With all but a hundredth of the load friction holds them still; what is left goe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, TypeGuard
+from typing import TypeGuard
 
 import numpy as np
 from mpi4py import MPI
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.finite.falling import HARDLY_HELD, on_bodies
+from dolfinx_llm.finite.falling import HARDLY_HELD, on_bodies, without_hold
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact
 from dolfinx_llm.operators.bodies import Bodies
@@ -44,7 +41,11 @@ def freed(steps: Equations, step: LoadStep) -> Array | None:
     bodies = Bodies(dofs.spaces, dofs.of_nodes)
     of, parts = left_by_supports(bodies, dofs.fixed)
     on = on_bodies(bodies, dofs, steps.interfaces)
-    loose = ~_tied_to_supports(steps, on, np.setdiff1d(np.arange(bodies.count), of))
+    ties = np.array([not placed.what.parts for placed in steps.interfaces])
+    rigid = np.array([isinstance(placed.what, ObstacleContact) for placed in steps.interfaces])
+    stands = on[ties & rigid].any(axis=0)
+    stands[np.setdiff1d(np.arange(bodies.count), of)] = True
+    loose = without_hold(on[ties], stands)
     if not loose.any():
         return None
     bears, loads = start.pushed[bodies.dofs], (start.pushed + step.unbalanced)[bodies.dofs]
@@ -101,20 +102,3 @@ def held_by_springs(steps: Equations, of: Array) -> Equations:
         for on, placed in zip(on_them, steps.interfaces, strict=True)
     ]
     return replace(steps, interfaces=smooth, springs=HARDLY_HELD * steps.scale * of)
-
-
-def _tied_to_supports(steps: Equations, on: Array, held: Array) -> Array:
-    """(bodies,) which are held by supports, or tied to what is.
-
-    Args:
-        on: of ``on_bodies``.
-        held: numbers of bodies that supports hold.
-    """
-    ties: Sequence[Any] = [not placed.what.parts for placed in steps.interfaces]
-    rigid = [isinstance(placed.what, ObstacleContact) for placed in steps.interfaces]
-    stands = np.zeros(on.shape[1])
-    stands[held] = 1.0
-    stands[on[np.array(ties) & np.array(rigid)].any(axis=0)] = 1.0
-    joined = csr_matrix(on[np.array(ties)].astype(float))
-    _, group = connected_components(joined.T @ joined, directed=False)
-    return np.asarray((np.bincount(group, stands) > 0.0)[group])

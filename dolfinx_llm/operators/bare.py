@@ -39,9 +39,8 @@ def check_stiffness(K: PETSc.Mat, dofs: BodyDofs, form: str, at_rest: bool = Tru
             "coefficient 0 there? Add its form, or prescribe what is to have none"
         )
     negative = free & (diagonal < 0.0)
-    counts = np.array([negative.sum(), free.sum()])
-    of_all = np.divide(*dofs.comm.allreduce(counts).clip(1))
-    if where := _where(negative & (at_rest | (of_all > GIVES_WAY)), free, dofs):
+    many, every = dofs.comm.allreduce(np.array([negative.sum(), free.sum()]))
+    if where := _where(negative & (at_rest | bool(many > GIVES_WAY * every)), free, dofs):
         raise ContactInputError(
             f"{where[0]} free {kind} have a negative stiffness, at nodes from {where[1]}: the form "
             f"{form} gives it. Check the signs of coefficients (E > 0, -1 < nu < 0.5), and of the "

@@ -114,17 +114,20 @@ def tell_of_turns(
     """
     if any(callable(i.thickness) for i in interfaces):
         return
+    of_nodes, comm = np.concatenate(eased), spaces[0].mesh.comm
+    if comm.allreduce(float(np.abs(of_nodes - 1.0).max(initial=0.0)), op=MPI.MAX) <= OFF:
+        return
     bodies = Bodies(spaces)
     of, parts = left_by_supports(bodies, fixed)
     turning = of[np.abs(parts[:, bodies.gdim :]).max(axis=1, initial=0.0) > NO_TURN]
-    ratio, of_nodes = np.full((2, bodies.count), np.inf), np.concatenate(eased)
+    ratio = np.full((2, bodies.count), np.inf)
     np.minimum.at(ratio[0], bodies.label, of_nodes[:, 0])
     np.minimum.at(ratio[1], bodies.label, -of_nodes[:, 1])
-    bodies.comm.Allreduce(MPI.IN_PLACE, ratio, op=MPI.MIN)
+    comm.Allreduce(MPI.IN_PLACE, ratio, op=MPI.MIN)
     low, high, off = ratio[0], -ratio[1], np.zeros(bodies.count)
     off[turning] = np.maximum(1.0 - low, high - 1.0)[turning]
     b = int(off.argmax())
-    if off[b] > OFF and bodies.comm.rank == 0:
+    if off[b] > OFF and comm.rank == 0:
         log.warning(
             "moments of inertia of the body about %s are %.2f to %.2f times the true ones, as its "
             "mass is taken off surfaces that may meet others: take more cells across it, tag less "

@@ -22,6 +22,16 @@ def each(nodes, value=0.0):
     return {"a": np.full(len(nodes.x), value)}
 
 
+def press(law, finite):
+    """One load step of two columns."""
+    if finite:
+        columns = Columns("quad", law)
+        columns.end.x.array[:] = -0.1
+        columns.solve()
+    else:
+        Column(law).pull(-0.002)
+
+
 # What is wrong: which method, what it returns, the text; the last two where steps end.
 WRONG = [
     ("force", lambda n: None, "return two arrays"),
@@ -46,12 +56,7 @@ WRONG = [
 def test_refused(finite, method, returned, words):
     law = type("Own", (Layer,), {method: lambda self, nodes: returned(nodes)})()
     with pytest.raises(llm.ContactError, match=f"{method} of the law Own.*{words}"):
-        if finite:
-            columns = Columns("quad", law)
-            columns.end.x.array[:] = -0.1
-            columns.solve()
-        else:
-            Column(law).pull(-0.002)
+        press(law, finite)
 
 
 @pytest.mark.parametrize("finite", [False, True], ids=["linear", "finite"])
@@ -67,12 +72,7 @@ def test_what_is_kept_stays_what_it_is(finite, ended, words):
         "Own", (Layer,), {"start": lambda _, n: each(n), "end_step": lambda _, n: ended(n)}
     )()
     with pytest.raises(llm.ContactInputError, match=f"end_step of the law Own.*{words}"):
-        if finite:
-            columns = Columns("quad", law)
-            columns.end.x.array[:] = -0.1
-            columns.solve()
-        else:
-            Column(law).pull(-0.002)
+        press(law, finite)
 
 
 @pytest.mark.parametrize("method", ["miss", "strength", "at_stake"])

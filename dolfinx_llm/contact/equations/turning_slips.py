@@ -13,9 +13,7 @@ from scipy.sparse import bsr_matrix, csr_matrix, diags
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
 
-SPREAD = (
-    0.06  # of the squared distance of a node to its speaker, that of the nodes which tell turns
-)
+SPREAD = 0.06  # of a node's squared distance to its speaker, that of nodes which tell turns
 IN_LINE = 0.03  # of squared distances along a line, across it: such nodes tell no turn from a shear
 
 
