@@ -31,10 +31,6 @@ class StepFailed(ContactError):
     """Newton's iteration has failed; the text says how. Raised on all ranks together."""
 
 
-class FliesAway(StepFailed):
-    """A body has gone farther than what holds it lets it."""
-
-
 class NothingHolds(StepFailed):
     """No motion balances what is left: smaller increments are hardly of help."""
 
@@ -88,7 +84,7 @@ def check_solution(steps: Equations, du: Array, dq: Array) -> float:
         raise StepFailed("the linear solver gives no finite numbers")
     far = comm.allreduce(float(np.abs(du).max(initial=0.0)), op=MPI.MAX)
     if far > FLIES * steps.bodies.size:
-        raise FliesAway(
+        raise StepFailed(
             f"a body flies away, by {far:.2g} in an iteration, {where(steps, np.abs(du))}: "
             "nothing holds it"
         )
@@ -110,7 +106,7 @@ def check_flown(steps: Equations, far: float, driven: float) -> None:
     both = np.concatenate([x, -x], axis=1).max(axis=0, initial=-np.inf)
     size = float(np.linalg.norm(np.max(comm.allgather(both), axis=0).reshape(2, -1).sum(axis=0)))
     if not steps.bodies.in_time and far > AS_FAR * (size + driven):
-        raise FliesAway(
+        raise StepFailed(
             f"a body flies away, by {far:.2g}, where what moves it goes {driven:.2g} and all "
             f"bodies together are {size:.2g} large: nothing holds it. Hold it by supports or weak "
             "springs"

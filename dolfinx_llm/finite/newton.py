@@ -17,7 +17,6 @@ from dolfinx_llm.base.parallel import chosen, collective
 from dolfinx_llm.finite import doubts
 from dolfinx_llm.finite.arrival import check_way
 from dolfinx_llm.finite.failures import (
-    FliesAway,
     Going,
     NothingHolds,
     StepFailed,
@@ -29,6 +28,7 @@ from dolfinx_llm.finite.frame_slip import Slid
 from dolfinx_llm.finite.increment import Increment
 from dolfinx_llm.finite.load_step import Bodies, Equations, LoadStep, NewtonState, touching_of
 from dolfinx_llm.finite.pairs.terms import ContactTerms
+from dolfinx_llm.finite.tries import Arrived, rubbing, slid_away
 from dolfinx_llm.finite.turning import check_poses
 from dolfinx_llm.finite.unloading import NEARLY_ALL, freed, held_by_springs, let_go
 from dolfinx_llm.laws.rows import SLIP, STICK
@@ -80,6 +80,7 @@ class NewtonSteps:
         self._slid = [Slid(placed.what) for placed in self.equations.interfaces]
         done, part, smallest = 0.0, 1.0 / increments, 2.0**-HALVINGS / increments
         self._freed = freed(self.equations, step)
+        self._rubs = rubbing(self.equations)
         stop = 1.0 if self._freed is None else NEARLY_ALL
         unheld = False  # nothing held a body in the last increment tried
         fallen: NothingHolds | None = None  # or in one before, from this state: what is told
@@ -89,7 +90,7 @@ class NewtonSteps:
                 end = stop if done + part > stop - 1e-12 else done + part
                 begins(end - done)
                 try:
-                    self._reached = self._damped_if_it_flies(step, end, bar)
+                    self._reached = self._next(step, end, bar)
                 except StepFailed as failed:
                     _check_start(self.equations.bodies, self._reached.u, failed)
                     part = 0.5 * min(part, end - done)
@@ -117,23 +118,30 @@ class NewtonSteps:
         bodies = self.equations.bodies
         return np.where(bodies.dofs.fixed, 0.0, bodies.residual(start.u) - start.pushed)
 
-    def _damped_if_it_flies(self, step: LoadStep, end: float, bar: Any) -> NewtonState:
-        """The end of an increment, in a second try where bodies fly away in the first."""
+    def _next(self, step: LoadStep, end: float, bar: Any) -> NewtonState:
+        """The state at the end of an increment; where it may be one of several of bodies that
+        friction alone holds, the nearer one that damped iterations come to."""
+        found: Arrived | None = None
         try:
-            return self._increment(step, end, bar)
-        except FliesAway as failed:
-            rubs = (
-                getattr(placed.what, "mu", None) is not None for placed in self.equations.interfaces
-            )
-            if self.equations.bodies.in_time or not any(rubs):  # nothing else may hold them
+            found = self._increment(step, end, bar)
+            failed = slid_away(self.equations, found.run, self._rubs)
+        except StepFailed as error:
+            failed = error if self._rubs else None
+            if failed is None:
                 raise
-            log.info("increment to %.4g failed: %s; damped", end, failed)
+        if failed is not None:
+            log.info("increment to %.4g: %s; damped", end, failed)
             try:
-                return self._increment(step, end, bar, damped=True)
+                again = self._increment(step, end, bar, damped=True)
             except StepFailed:
-                raise failed from None
+                if found is None:
+                    raise failed from None
+            else:
+                found = again if found is None or again.far < found.far else found
+        assert found is not None
+        return self._arrive(found)
 
-    def _increment(self, step: LoadStep, end: float, bar: Any, damped: bool = False) -> NewtonState:
+    def _increment(self, step: LoadStep, end: float, bar: Any, damped: bool = False) -> Arrived:
         """Newton's iteration from the last state to the part ``end`` of a load step."""
         start = self._reached
         K = self.equations.measure(start.u)
@@ -152,13 +160,8 @@ class NewtonSteps:
                 tell_iteration(entry, bar)
                 if run.converged(going.noise, going.lingers(run.rest)):
                     left = check_way(self.equations, run, before, start)
-                    self._left = [a | b for a, b in zip(self._left, left, strict=True)]
-                    self._measure(run, step, start)
-                    self.terms = run.terms
-                    of = zip(self._slid, before, run.terms, run.held, start.status, strict=True)
-                    self.slips = [slid.on(*then) for slid, *then in of]
-                    found = _state(run)
-                    return replace(found, status=start.status) if rests else found
+                    far, leapt = self._gone(run, step, start)
+                    return Arrived(run, before, start.status, rests, left, far, leapt)
                 if going.stopped(run.far / self.equations.bodies.size, run.changes, run.error):
                     raise unbalanced(self.equations, run.error, _left(run))
         finally:
@@ -184,9 +187,23 @@ class NewtonSteps:
         check_poses(self.equations, run, start)
         return run, rests
 
-    def _measure(self, run: Increment, step: LoadStep, start: NewtonState) -> None:
-        """How far bodies have gone in an increment, and what moved them: where supports and
-        obstacles alone did, without turns and forces. Collective.
+    def _arrive(self, found: Arrived) -> NewtonState:
+        """Take what an increment has come to."""
+        run = found.run
+        self._left = [a | b for a, b in zip(self._left, found.left, strict=True)]
+        if found.leapt[1] > 0.0 and found.far * self._leapt[1] >= self._leapt[0] * found.leapt[1]:
+            self._leapt = found.leapt
+        self.terms = run.terms
+        of = zip(self._slid, found.before, run.terms, run.held, found.status, strict=True)
+        self.slips = [slid.on(*then) for slid, *then in of]
+        state = _state(run)
+        return replace(state, status=found.status) if found.rests else state
+
+    def _gone(
+        self, run: Increment, step: LoadStep, start: NewtonState
+    ) -> tuple[float, tuple[float, float]]:
+        """How far bodies have gone in an increment; the same and what moved them where supports and
+        obstacles alone did, without turns and forces, else zeros. Collective.
 
         Raises:
             StepFailed: bodies that nothing holds have flown away.
@@ -194,16 +211,15 @@ class NewtonSteps:
         equations, comm = self.equations, self.equations.bodies.dofs.comm
         moved, pushed = np.abs(run.u - start.u), np.abs(step.unbalanced)
         mine = [float(a.max(initial=0.0)) for a in (moved[run.fixed], moved, pushed)]
-        supports, far, load = np.max(comm.allgather(mine), axis=0)
+        supports, far, load = np.max(comm.allgather(mine), axis=0).tolist()
         of, gdim = zip(run.poses, start.poses, strict=True), equations.bodies.dofs.gdim
         changes = [np.abs(now - before) for now, before in of]
         shifts = [float(change[gdim : 2 * gdim].max(initial=0.0)) for change in changes]
         driven, others = max([supports, *shifts]), any(c[2 * gdim :].any() for c in changes)
         check_flown(equations, far, driven)
         if equations.followers or others or load > DRIVEN * equations.scale * driven:
-            return
-        if driven > 0.0 and far * self._leapt[1] >= self._leapt[0] * driven:
-            self._leapt = far, driven
+            return far, (0.0, 0.0)
+        return far, (far, driven)
 
     def _say(self) -> None:
         """Warn of what is doubtful in a load step, where that was not told of the last one."""

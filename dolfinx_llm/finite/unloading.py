@@ -15,9 +15,8 @@ import numpy as np
 from mpi4py import MPI
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.finite.falling import HARDLY_HELD, on_bodies, without_hold
+from dolfinx_llm.finite.falling import HARDLY_HELD, held_by_contact_alone
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
-from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.motions import left_by_supports
 
@@ -40,12 +39,7 @@ def freed(steps: Equations, step: LoadStep) -> Array | None:
         return None
     bodies = Bodies(dofs.spaces, dofs.of_nodes)
     of, parts = left_by_supports(bodies, dofs.fixed)
-    on = on_bodies(bodies, dofs, steps.interfaces)
-    ties = np.array([not placed.what.parts for placed in steps.interfaces])
-    rigid = np.array([isinstance(placed.what, ObstacleContact) for placed in steps.interfaces])
-    stands = on[ties & rigid].any(axis=0)
-    stands[np.setdiff1d(np.arange(bodies.count), of)] = True
-    loose = without_hold(on[ties], stands)
+    loose = held_by_contact_alone(bodies, dofs, steps.interfaces)
     if not loose.any():
         return None
     bears, loads = start.pushed[bodies.dofs], (start.pushed + step.unbalanced)[bodies.dofs]

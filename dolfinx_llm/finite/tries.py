@@ -1,0 +1,66 @@
+"""Second tries of increments, by damped iterations, of bodies that friction alone holds.
+
+Where they are is not told by what presses on them: an iterate that slips too far may come to an
+equilibrium farther on, or to none, though friction holds them close by. Springs that count from
+the last iterate, in proportion to what is left of the forces (Levenberg 1944), keep iterates near.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.finite.failures import StepFailed
+from dolfinx_llm.finite.falling import held_by_contact_alone, on_bodies
+from dolfinx_llm.finite.increment import Increment
+from dolfinx_llm.finite.load_step import Equations
+from dolfinx_llm.finite.pairs.terms import Place
+from dolfinx_llm.laws.rows import OPEN, SLIP
+from dolfinx_llm.operators.bodies import Bodies
+
+FAR_SLIP = 1.0  # facets that every pair on a body slips in an increment, the least of them
+
+
+@dataclass(frozen=True, eq=False)
+class Arrived:
+    """An increment at its end, where bodies can have come to."""
+
+    run: Increment
+    before: list[Place]  # how pairs stood at its start
+    status: tuple[Array | None, ...]  # of the pairs of each interface there; None: not known
+    rests: bool  # it has needed no iteration
+    left: list[Array]  # per interface (n,) which nodes have left the other side over its edge
+    far: float  # how far bodies have gone [length]
+    leapt: tuple[float, float]  # the same and what moved them, where supports alone did
+
+
+def rubbing(steps: Equations) -> list[int]:
+    """Which interfaces have friction, on bodies that contact alone holds; none in time, where
+    inertia does. Collective."""
+    rubs = [getattr(placed.what, "mu", None) is not None for placed in steps.interfaces]
+    if steps.bodies.in_time or not any(rubs):
+        return []
+    bodies = Bodies(steps.bodies.dofs.spaces, steps.bodies.dofs.of_nodes)
+    loose = held_by_contact_alone(bodies, steps.bodies.dofs, steps.interfaces)
+    on = on_bodies(bodies, steps.bodies.dofs, steps.interfaces)
+    return [i for i, rub in enumerate(rubs) if rub and on[i, loose].any()]
+
+
+def slid_away(steps: Equations, run: Increment, rubs: Sequence[int]) -> StepFailed | None:
+    """What tells that all pairs in contact of one of these interfaces have slipped by facets, as
+    where a body has gone past where friction holds it; None: there is none."""
+    for i in rubs:
+        contact, t, closed = steps.interfaces[i].what, run.terms[i], run.status[i] != OPEN
+        if not closed.any() or (run.status[i][closed] != SLIP).any():
+            continue
+        slip = np.linalg.norm(contact.slip(t.place, run.held[i], closed, None), axis=1)
+        least, size = float(slip[closed].min()), contact.sides.mover.facet_size
+        if least > FAR_SLIP * size:
+            return StepFailed(
+                f"all of {contact.sides.mover.name} in contact has slipped, by {least:.3g} at "
+                f"least, where facets are {size:.3g} large"
+            )
+    return None
