@@ -24,7 +24,8 @@ class Pull:
         floating: the motions.
         spring: stiffness of the springs [force / length].
         f: this rank's loads.
-        rounding: of forces, that the last load steps have left [force].
+        before: rounding of forces, that the last load steps have left, and the size of forces with
+            which the last one ended: next to nothing of these is none without loads [force].
         start: (count,) where the springs hold the motions.
 
     Attributes:
@@ -34,10 +35,18 @@ class Pull:
     """
 
     def __init__(
-        self, floating: Floating, spring: float, f: Array, rounding: float, start: Array
+        self,
+        floating: Floating,
+        spring: float,
+        f: Array,
+        before: tuple[float, float],
+        start: Array,
     ) -> None:
         self._floating, self._spring, self._loads = floating, spring, floating.sizes(f)
-        self._rounding, self.anchor, self.share, self.most = rounding, start, 0.0, 0.0
+        self.anchor, self.share, self.most = start, 0.0, 0.0
+        rounding, forces = before
+        freed = self._loads.max(initial=0.0) <= UNBALANCED * forces
+        self._least_size = max(rounding / UNBALANCED, forces if freed else 0.0)  # or it is rounding
         self._last, self._pulls = np.zeros(floating.count), 0
         self._moved = np.zeros(floating.count)
         self._least = UNBALANCED  # share that may be rounding
@@ -53,7 +62,7 @@ class Pull:
         force = self._spring * (self._floating.square @ moved)
         self.most = max(self.most, float(np.abs(force).sum()))
         size = (self._loads + np.abs(multiplier) @ self._floating.grip).max()
-        size = max(size, self._rounding / UNBALANCED)  # where pulls are rounding, they are none
+        size = max(size, self._least_size)
         self._rest = self.share if calm > 1 else np.inf
         self.share = float(np.abs(force).max() / size) if size > 0.0 else 0.0
         self._least = max(UNBALANCED, noise / size) if size > 0.0 else UNBALANCED

@@ -97,14 +97,14 @@ class Search:
         floating = self._operators.floating
         self._spring = floating.spring(self._scale)
         alpha = start.alpha if self._known else np.zeros(floating.count)
-        self._pull = Pull(floating, self._spring, f, start.rounding, alpha)
+        before = 0.0 if self._pressed else start.ended
+        self._pull = Pull(floating, self._spring, f, (start.rounding, before), alpha)
         self._corrections = min(floating.count, 1)  # what springs hold is corrected once at least
         self._giving, self._circles = GivingWay(equations), Circles(history)
         self._parted = Parted(equations, self._comm)
         self._number, self._last, self._runs = 0, MAXIMUM, 0  # of iterations
         self._calm, self._before = 0, np.inf  # iterations without change; residual of the last
-        self._held_alike = True  # as in the iteration before
-        self._calmed = False  # has come to rest once
+        self._held_alike, self._calmed = True, False  # as before; has come to rest once
         for s in self._states:
             s.begin()
         self._without_friction = WithoutFriction(equations, self._known)
