@@ -15,7 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, identity
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.base import checks
@@ -30,6 +30,7 @@ from dolfinx_llm.geometry.surface import Surface
 
 FACES = 1.4  # [rad] between opposite normals of facets that can touch
 FORESEEN = 2.0  # gap over the largest facet up to which facets are parted: more than can touch
+ROUND = 2.0  # way along a bend over that across it, up to which nothing touches; half a circle: 1.6
 BESIDE = 2  # facets along the surface between those that can touch, at least
 MUCH_FINER = 0.05  # difference of mean sizes over their sum, below which facets are alike
 BEFORE = np.array([1.0, 0.7549, 0.5698])  # a direction by which normals come first
@@ -92,19 +93,12 @@ class SelfSides(Sides):
         next_to = within.tocoo()
         ahead &= ~np.isin(i * f + j, next_to.row.astype(np.int64) * f + next_to.col)
         i, j = i[ahead], j[ahead]
-        paired = np.zeros(f, dtype=bool)
-        paired[i] = paired[j] = True
-        ends = np.concatenate([i, j]), np.concatenate([j, i])
-        across = csr_matrix((np.ones(len(ends[0])), ends), (f, f))
-        together = beside.tocoo()
-        keep = paired[together.row] & paired[together.col]
-        keep &= np.einsum("ni,ni->n", normal[together.row], normal[together.col]) > 0.0
-        alike = csr_matrix((np.ones(keep.sum()), (together.row[keep], together.col[keep])), (f, f))
-        count, label = connected_components(
-            bmat([[alike, across], [across, alike]], format="csr"), directed=False
-        )
-        one, other = np.split(label, 2)
-        odd = paired & (one == other)
+        one, other, count, odd = _parts(normal, beside, i, j)
+        if odd.any():  # as in a tight bend, across which facets face each other that cannot touch
+            bends = np.isin(i, np.flatnonzero(odd)) | np.isin(j, np.flatnonzero(odd))
+            bends[bends] = _round_a_bend(centre, beside, i[bends], j[bends])
+            i, j = i[~bends], j[~bends]
+            one, other, count, odd = _parts(normal, beside, i, j)
         if odd.any():
             raise ContactError(
                 f"{self.surfaces[0].name} meets itself where it has no two sides: {odd.sum()} "
@@ -112,6 +106,7 @@ class SelfSides(Sides):
                 "hangs together with them. Take smaller load steps, or tag the sides apart and "
                 "give an Interface"
             )
+        paired = np.isin(np.arange(f), np.concatenate([i, j]))
         return paired & self._comes_first(one, other, count)[one]
 
     def check_crossed(self, x: Array, allowed: float = CROSSED) -> None:
@@ -158,6 +153,49 @@ class SelfSides(Sides):
         told = np.abs(change) > TOLD * np.abs(area).max()
         by_place = np.where(told, change < 0.0, np.arange(count) < across)
         return np.where(alike, by_place, difference < 0.0)
+
+
+def _parts(
+    normal: Array, beside: csr_matrix, i: Array, j: Array
+) -> tuple[Array, Array, int, Array]:
+    """The part of each facet and the part across from it (f,), how many there are, and which facets
+    (f,) lie across from their own part.
+
+    Args:
+        normal: (f, gdim) of the facets.
+        beside: (f, f) which lie side by side.
+        i, j: (n,) which lie across from each other.
+    """
+    f, paired = len(normal), np.isin(np.arange(len(normal)), np.concatenate([i, j]))
+    ends = np.concatenate([i, j]), np.concatenate([j, i])
+    across = csr_matrix((np.ones(len(ends[0])), ends), (f, f))
+    together = beside.tocoo()
+    keep = paired[together.row] & paired[together.col]
+    keep &= np.einsum("ni,ni->n", normal[together.row], normal[together.col]) > 0.0
+    alike = csr_matrix((np.ones(keep.sum()), (together.row[keep], together.col[keep])), (f, f))
+    count, label = connected_components(
+        bmat([[alike, across], [across, alike]], format="csr"), directed=False
+    )
+    one, other = np.split(label, 2)
+    return one, other, count, paired & (one == other)
+
+
+def _round_a_bend(centre: Array, beside: csr_matrix, i: Array, j: Array) -> Array:
+    """(n,) whether facets i and j lie across from each other in a bend: so near along the surface
+    that the way there is hardly longer than straight across.
+
+    Args:
+        centre: (f, gdim) of the facets [length].
+        beside: (f, f) which lie side by side.
+        i, j: (n,) facets.
+    """
+    steps = beside.tocoo()
+    length = np.linalg.norm(centre[steps.row] - centre[steps.col], axis=1)
+    graph = csr_matrix((length, (steps.row, steps.col)), beside.shape)
+    straight = np.linalg.norm(centre[i] - centre[j], axis=1)
+    first, at = np.unique(i, return_inverse=True)
+    way = dijkstra(graph, False, first, limit=ROUND * straight.max(initial=0.0))
+    return np.asarray(way[at, j] < ROUND * straight)
 
 
 def _through(x: Array, normal: Array) -> Array:

@@ -59,23 +59,32 @@ class Meeting:
     # side's facets covers [length], and (f, width) its derivative; None: in space
 
 
-def _sense(surface: Surface) -> tuple[float, ...]:
-    """Which way a surface looks, and what it encloses: numbers that two which touch do not share,
-    in any units."""
-    area, size = vector_areas(surface.x, surface.facets), surface.diameter
-    middle = surface.x[surface.facets].mean(axis=1) - surface.x.mean(axis=0)
-    gdim = area.shape[1]
-    told = np.append(area.sum(axis=0) / size ** (gdim - 1), np.sum(middle * area) / size**gdim)
-    return tuple((told.round(6) + 0.0).tolist())
+def _told_apart(surface: Surface, size: float) -> list[float]:
+    """Numbers that turns do not change, by which two surfaces differ that are equally coarse: what
+    they enclose, with a sign, how large they are, and how far and how evenly their nodes lie."""
+    area, x = vector_areas(surface.x, surface.facets), surface.x - surface.x.mean(axis=0)
+    gdim, of_facets = x.shape[1], cell_sizes(surface.x, surface.skin) / size
+    encloses = float(np.sum(x[surface.facets].mean(axis=1) * area)) / size**gdim
+    covers = float(np.linalg.norm(area.sum(axis=0))) / size ** (gdim - 1)
+    spread = np.linalg.eigvalsh(np.einsum("ni,nj->ij", x, x) / (len(x) * size**2))
+    return [encloses, covers, *spread.tolist(), float(of_facets.max()), float(of_facets.min())]
 
 
 def coarser(surfaces: Sequence[Surface]) -> int:
-    """Which of two surfaces is; alike the one whose normal comes first, of closed ones the one in
-    the other."""
+    """Which of two surfaces is; alike the one that encloses more, as of two rings the inner one, or
+    is larger; else the one whose name comes first, and then the one whose normal does."""
     size = [cell_sizes(s.x, s.skin).mean() * PER_NODE[s.skin.shape[1]] for s in surfaces]
     if abs(size[0] - size[1]) > AS_COARSE * max(size):
         return int(size[1] > size[0])
-    return int(_sense(surfaces[1]) > _sense(surfaces[0]))
+    both = [_told_apart(s, max(t.diameter for t in surfaces)) for s in surfaces]
+    for first, second in zip(*both, strict=True):
+        if abs(first - second) > AS_COARSE:
+            return int(second > first)
+    if surfaces[0].name != surfaces[1].name:
+        return int(surfaces[1].name < surfaces[0].name)
+    ways = np.array([vector_areas(s.x, s.facets).sum(axis=0) for s in surfaces])
+    ways = (ways / (np.linalg.norm(ways, axis=1).max() or 1.0)).round(6) + 0.0
+    return int(tuple(ways[1]) > tuple(ways[0]))
 
 
 @dataclass(frozen=True, eq=False)
