@@ -5,7 +5,8 @@ surfaces holds of one: derivatives by a node add up in the system. At the start 
 facets that face each other are found, and parted so that facets side by side stay together and
 facets across from each other come apart. The coarser part, or of equal ones that whose normals as
 drawn come first, carries the frame. Neighbours do not face each other: their normals differ by less
-than 90 degrees, or few facets lie between them along the surface.
+than 90 degrees, or few facets lie between them along the surface. Where facets would come apart
+from themselves, those do not either that a bend leads to on a way hardly longer than across it.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from dolfinx_llm.geometry.surface import Surface
 
 FACES = 1.4  # [rad] between opposite normals of facets that can touch
 FORESEEN = 2.0  # gap over the largest facet up to which facets are parted: more than can touch
-ROUND = 2.0  # way along a bend over that across it, up to which nothing touches; half a circle: 1.6
+WAY_ROUND = 2.0  # way along a bend over that across, up to which none touch; half a circle: 1.6
 BESIDE = 2  # facets along the surface between those that can touch, at least
 MUCH_FINER = 0.05  # difference of mean sizes over their sum, below which facets are alike
 BEFORE = np.array([1.0, 0.7549, 0.5698])  # a direction by which normals come first
@@ -194,8 +195,8 @@ def _round_a_bend(centre: Array, beside: csr_matrix, i: Array, j: Array) -> Arra
     graph = csr_matrix((length, (steps.row, steps.col)), beside.shape)
     straight = np.linalg.norm(centre[i] - centre[j], axis=1)
     first, at = np.unique(i, return_inverse=True)
-    way = dijkstra(graph, False, first, limit=ROUND * straight.max(initial=0.0))
-    return np.asarray(way[at, j] < ROUND * straight)
+    way = dijkstra(graph, False, first, limit=WAY_ROUND * straight.max(initial=0.0))
+    return np.asarray(way[at, j] < WAY_ROUND * straight)
 
 
 def _through(x: Array, normal: Array) -> Array:
