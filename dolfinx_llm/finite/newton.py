@@ -124,7 +124,7 @@ class NewtonSteps:
         found: Arrived | None = None
         try:
             found = self._increment(step, end, bar)
-            failed = slid_away(self.equations, found.run, self._rubs)
+            failed = slid_away(self.equations, found, self._rubs)
         except StepFailed as error:
             failed = error if self._rubs else None
             if failed is None:
@@ -160,8 +160,8 @@ class NewtonSteps:
                 tell_iteration(entry, bar)
                 if run.converged(going.noise, going.lingers(run.rest)):
                     left = check_way(self.equations, run, before, start)
-                    far, leapt = self._gone(run, step, start)
-                    return Arrived(run, before, start.status, rests, left, far, leapt)
+                    gone = self._gone(run, step, start)
+                    return Arrived(run, before, start.status, rests, left, *gone)
                 if going.stopped(run.far / self.equations.bodies.size, run.changes, run.error):
                     raise unbalanced(self.equations, run.error, _left(run))
         finally:
@@ -191,8 +191,9 @@ class NewtonSteps:
         """Take what an increment has come to."""
         run = found.run
         self._left = [a | b for a, b in zip(self._left, found.left, strict=True)]
-        if found.leapt[1] > 0.0 and found.far * self._leapt[1] >= self._leapt[0] * found.leapt[1]:
-            self._leapt = found.leapt
+        far, driven = found.far, found.driven
+        if found.alone and driven > 0.0 and far * self._leapt[1] >= self._leapt[0] * driven:
+            self._leapt = far, driven
         self.terms = run.terms
         of = zip(self._slid, found.before, run.terms, run.held, found.status, strict=True)
         self.slips = [slid.on(*then) for slid, *then in of]
@@ -201,9 +202,9 @@ class NewtonSteps:
 
     def _gone(
         self, run: Increment, step: LoadStep, start: NewtonState
-    ) -> tuple[float, tuple[float, float]]:
-        """How far bodies have gone in an increment; the same and what moved them where supports and
-        obstacles alone did, without turns and forces, else zeros. Collective.
+    ) -> tuple[float, float, bool]:
+        """How far bodies have gone in an increment, how far supports and obstacles have, but for
+        turns, and whether these alone moved bodies, without turns and forces. Collective.
 
         Raises:
             StepFailed: bodies that nothing holds have flown away.
@@ -217,9 +218,8 @@ class NewtonSteps:
         shifts = [float(change[gdim : 2 * gdim].max(initial=0.0)) for change in changes]
         driven, others = max([supports, *shifts]), any(c[2 * gdim :].any() for c in changes)
         check_flown(equations, far, driven)
-        if equations.followers or others or load > DRIVEN * equations.scale * driven:
-            return far, (0.0, 0.0)
-        return far, (far, driven)
+        forced = equations.followers or load > DRIVEN * equations.scale * driven
+        return far, np.inf if others else driven, not (forced or others)
 
     def _say(self) -> None:
         """Warn of what is doubtful in a load step, where that was not told of the last one."""

@@ -22,6 +22,7 @@ from dolfinx_llm.laws.rows import OPEN, SLIP
 from dolfinx_llm.operators.bodies import Bodies
 
 FAR_SLIP = 1.0  # facets that every pair on a body slips in an increment, the least of them
+SLID_ALONG = 2.0  # times how far supports go, that bodies slip which they drive
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +35,8 @@ class Arrived:
     rests: bool  # it has needed no iteration
     left: list[Array]  # per interface (n,) which nodes have left the other side over its edge
     far: float  # how far bodies have gone [length]
-    leapt: tuple[float, float]  # the same and what moved them, where supports alone did
+    driven: float  # how far supports and obstacles have; inf: they turn [length]
+    alone: bool  # these alone moved bodies
 
 
 def rubbing(steps: Equations) -> list[int]:
@@ -49,16 +51,18 @@ def rubbing(steps: Equations) -> list[int]:
     return [i for i, rub in enumerate(rubs) if rub and on[i, loose].any()]
 
 
-def slid_away(steps: Equations, run: Increment, rubs: Sequence[int]) -> StepFailed | None:
-    """What tells that all pairs in contact of one of these interfaces have slipped by facets, as
-    where a body has gone past where friction holds it; None: there is none."""
+def slid_away(steps: Equations, found: Arrived, rubs: Sequence[int]) -> StepFailed | None:
+    """What tells that all pairs in contact of one of these interfaces have slipped by facets, and
+    farther than supports and obstacles go, as where a body has gone past where friction holds it;
+    None: there is none."""
+    run = found.run
     for i in rubs:
         contact, t, closed = steps.interfaces[i].what, run.terms[i], run.status[i] != OPEN
         if not closed.any() or (run.status[i][closed] != SLIP).any():
             continue
         slip = np.linalg.norm(contact.slip(t.place, run.held[i], closed, None), axis=1)
         least, size = float(slip[closed].min()), contact.sides.mover.facet_size
-        if least > FAR_SLIP * size:
+        if least > FAR_SLIP * size + SLID_ALONG * found.driven:
             return StepFailed(
                 f"all of {contact.sides.mover.name} in contact has slipped, by {least:.3g} at "
                 f"least, where facets are {size:.3g} large"

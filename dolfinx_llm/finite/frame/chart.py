@@ -32,6 +32,10 @@ LIFTED = 1e-3  # part of a coordinate across a frame that is none, over its leng
 UNDECIDED = 1.1  # ratio of what normals point along two coordinates, below which neither is across
 EDGEWISE = 1e-2  # least over largest singular value of functions that are hardly independent
 ELSEWHERE = 1e-9  # weight of nodes where nothing is covered then, over the largest
+NOT_FAINT = 1e3  # times what is added to a diagonal, for what no row bears
+REFINEMENTS = (
+    3  # refinements: what M bears with 100 times as much is exact to 1e-8, with 1000 to 1e-12
+)
 FUNCTION_YIELDS = 1e-9  # of a facet's area: how much the function across yields
 
 
@@ -153,9 +157,9 @@ def yielding(element: Element, part: Array) -> Array:
 
 def bordered(M: csr_matrix, faint: float, G: Array, r: Array, soft: Array) -> tuple[Array, Array]:
     """mu and kappa of (M - faint) mu + G kappa = r, Gᵀ mu = soft kappa, but for parts of a frame
-    that no row connects with others: their residuals have moments that ``faint`` alone bears, as
-    of places that bend, and press apart from each other. With less of it mu is so large there that
-    rounding tells the corrections. One refinement is without it.
+    that no row connects with others: their residuals have moments that nothing bears, as of places
+    that bend, and press apart from each other. ``NOT_FAINT`` times ``faint`` does: with less mu is
+    so large there that rounding tells the corrections. Refinements are without it.
 
     Args:
         M: (m, m) of ``finite.frame.design`` [area].
@@ -164,8 +168,9 @@ def bordered(M: csr_matrix, faint: float, G: Array, r: Array, soft: Array) -> tu
         r: (m,) residual [area].
         soft: (c,) how much functions yield [area].
     """
-    c = G.shape[1]
-    A = bmat([[M, csr_matrix(G)], [csr_matrix(G.T), diagonal(-soft)]], format="csc")
+    c, added = G.shape[1], np.full(len(r), NOT_FAINT * faint)
+    held = M + diagonal(added - faint)
+    A = bmat([[held, csr_matrix(G)], [csr_matrix(G.T), diagonal(-soft)]], format="csc")
     b = np.concatenate([r, np.zeros(c)])
     try:
         factor = splu(A)
@@ -175,7 +180,8 @@ def bordered(M: csr_matrix, faint: float, G: Array, r: Array, soft: Array) -> tu
             f"(SuperLU: {error}). Check that the surfaces face each other"
         ) from None
     x = factor.solve(b)
-    left = b - A @ x
-    left[: len(r)] += faint * x[: len(r)]
-    x += factor.solve(left)
+    for _ in range(REFINEMENTS):
+        left = b - A @ x
+        left[: len(r)] += added * x[: len(r)]
+        x += factor.solve(left)
     return x[: len(r)], x[len(r) :]
