@@ -16,6 +16,11 @@ from dolfinx_llm.base.arrays import Array
 
 PULL_SHARE = 0.01  # of what pairs have pressed with, up to which nothing is said
 HAS_PRESSED = 1e-6  # of the largest impulse of an interface, below which another has none
+SWINGS_NO_MORE = 0.1  # damping from which on smaller steps alone help
+ADVICE = (
+    f"Bodies swing: give damping={SWINGS_NO_MORE:g} to the TimeStepper, or take smaller steps",
+    "Take smaller steps: half a cell over the speed of waves is small enough",
+)
 TOLD_AGAIN = 2.0  # times the share that has been told, from which on it is told again
 
 
@@ -45,12 +50,13 @@ class Pulls:
         self.pressed += dt * float(now[now > 0.0].sum())
         self._last = now
 
-    def told(self, largest: float) -> list[str]:
+    def told(self, largest: float, damping: float) -> list[str]:
         """What is to be said after a step.
 
         Args:
             largest: impulse so far of any interface: one with next to none of it has been touched
                 by rounding alone [force time].
+            damping: of the step.
         """
         if self.pressed <= HAS_PRESSED * largest:
             return []
@@ -60,5 +66,5 @@ class Pulls:
         return [
             f"interface {self.name}: pairs that open have pulled with {share:.1%} of what they "
             "pressed with since the start, in moments without friction: friction may be too large "
-            "by as much. Bodies swing: give damping=0.1 to the TimeStepper, or take smaller steps"
+            f"by as much. {ADVICE[damping >= SWINGS_NO_MORE]}"
         ]

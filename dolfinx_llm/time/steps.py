@@ -90,6 +90,7 @@ class Steps(Starting):
     _accepted: Callable[[Any], None] | None
     _known_mass: KnownMass
     _pulls: list[Pulls | None]  # per interface; None: without friction
+    _end: float  # weight of what there is at the end of a step: (1 + damping) / 2
 
     def _speed(self, u: Array) -> Array:
         """(n_local,) velocity at the start of a step from u (n_local,): none where supports do not
@@ -138,7 +139,8 @@ class Steps(Starting):
         for pulls, sides in rubs:
             pulls.take(sides, dt)
         largest = max((pulls.pressed for pulls, _ in rubs), default=0.0)
-        return [words for pulls, _ in rubs for words in pulls.told(largest)]
+        damping = 2.0 * self._end - 1.0
+        return [words for pulls, _ in rubs for words in pulls.told(largest, damping)]
 
     def _met(self) -> tuple[Touch, float]:
         """What bodies meet with now, and where the step is to be divided; 0: nowhere."""

@@ -6,6 +6,7 @@ import re
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 import ufl
 from dolfinx import fem
 from friction_block import BOTTOM, body, stress
@@ -55,5 +56,14 @@ def test_what_rounding_alone_has_touched_is_not_told():
     for now, noise in ((1.0, 1e-15), (2.0, -3e-15)):
         pressed.take([SimpleNamespace(pressing=np.array([now]))], 0.1)
         touched.take([SimpleNamespace(pressing=np.array([noise]))], 0.1)
-    assert not touched.told(pressed.pressed) and not pressed.told(pressed.pressed)
-    assert "300.0%" in touched.told(touched.pressed)[0]
+    assert not touched.told(pressed.pressed, 0.0) and not pressed.told(pressed.pressed, 0.0)
+    assert "300.0%" in touched.told(touched.pressed, 0.0)[0]
+
+
+@pytest.mark.parametrize(("damping", "advice"), [(0.0, "give damping=0.1"), (0.1, "half a cell")])
+def test_damping_is_not_advised_where_it_is(damping, advice):
+    pulls = Pulls("1 | 2")
+    for now in (1.0, -1.0):
+        pulls.take([SimpleNamespace(pressing=np.array([now]))], 0.1)
+    (told,) = pulls.told(pulls.pressed, damping)
+    assert advice in told
