@@ -6,6 +6,7 @@ import numpy as np
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.finite.frame.crossing import crossing
 from dolfinx_llm.finite.frame.divided_sides import DividedSides
 from dolfinx_llm.finite.frame.location import INSIDE, find_on_frame
 from dolfinx_llm.finite.frame.self_sides import SelfSides
@@ -146,6 +147,26 @@ def deep(contact: MovingContact, t: ContactTerms) -> list[str]:
     ]
 
 
+def crossed(contact: MovingContact, t: ContactTerms) -> list[str]:
+    """Of edges in space that have gone through each other between their nodes, which alone touch
+    facets."""
+    sides, place = contact.sides, _on_frame(contact, t)
+    if place is None or sides.gdim == 2 or contact.overlaps:
+        return []
+    both = sides.split(place.z), (sides.mover.facets, sides.carrier.facets)
+    facets, _, depth = crossing(*both)
+    if not len(depth):
+        return []
+    frame, moving, worst = sides.carrier, sides.mover, facets[depth.argmax()]
+    where = both[0][0][moving.facets[worst]].mean(axis=0) + frame.origin
+    return [
+        f"{moving.name} on {frame.name}: facets cross each other, {len(depth)} pair(s) of them, by "
+        f"up to {depth.max():.3g} at {checks.place(where)}, where facets have the size "
+        f"{moving.facet_size:.3g}: edges meet between their nodes, and press less than they do, "
+        "aside as well. Use finer meshes there, or round one of the edges off"
+    ]
+
+
 def beside_edge(contact: MovingContact, t: ContactTerms) -> list[str]:
     """Of pairs that press beyond an edge of the frame, on what its facets go on to there, while the
     edge itself is away from the other side; where facets are cut the edge presses: ``overhang``."""
@@ -236,3 +257,6 @@ def _on_frame(contact: MovingContact, t: ContactTerms) -> NormalPlace | None:
     """How pairs stand, of contact that may part with a frame on another surface; None: of other."""
     another = contact.parts and not isinstance(contact.sides, SelfSides)
     return t.place if another and isinstance(t.place, NormalPlace) else None
+
+
+OF_PAIRS = deep, crossed, beside_edge, edge_leans, rounded_off

@@ -228,7 +228,7 @@ class NewtonSteps:
         for placed, left, t in of:
             told += doubts.left_over(placed.what.sides, left, t.place)
             told += doubts.missed(placed.what, t, self.equations.size)
-            for doubt in (doubts.deep, doubts.beside_edge, doubts.edge_leans, doubts.rounded_off):
+            for doubt in doubts.OF_PAIRS:
                 told += doubt(placed.what, t)
             if not self.equations.bodies.in_time:
                 told += doubts.apart(placed.what, t)

@@ -14,8 +14,9 @@ from scipy.spatial import cKDTree
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.finite.frame.crossing import CROSSED
 from dolfinx_llm.finite.frame.location import INSIDE
-from dolfinx_llm.finite.frame.self_sides import CROSSED, SelfSides
+from dolfinx_llm.finite.frame.self_sides import SelfSides
 from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact
 from dolfinx_llm.finite.pairs.normal_contact import OVER, NormalPlace

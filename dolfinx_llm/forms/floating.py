@@ -4,7 +4,7 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.forms.verdict import UNBALANCED, FinalError
+from dolfinx_llm.forms.verdict import EPS, SEVERAL, UNBALANCED, FinalError
 from dolfinx_llm.operators.floating import Floating
 
 PULLED = 8  # iterations in which the springs are pulled the same way: nothing else will hold
@@ -45,7 +45,7 @@ class Pull:
         self._floating, self._spring, self._loads = floating, spring, floating.sizes(f)
         self.anchor, self.share, self.most = start, 0.0, 0.0
         rounding, forces = before
-        freed = self._loads.max(initial=0.0) <= UNBALANCED * forces
+        freed = self._loads.max(initial=0.0) <= SEVERAL * EPS * forces
         self._least_size = max(rounding / UNBALANCED, forces if freed else 0.0)  # or it is rounding
         self._last, self._pulls = np.zeros(floating.count), 0
         self._moved = np.zeros(floating.count)

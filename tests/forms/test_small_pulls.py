@@ -41,7 +41,7 @@ def test_what_is_left_of_a_load(share, final):
 @pytest.mark.parametrize(("pulls", "rests"), [(1e-9, True), (1e-5, False)])
 def test_what_is_left_without_load(pulls, rests):
     """Next to nothing of what there was is nothing; it was taken for all that there is."""
-    pull = of_one_motion(load=1e-12, before=1.0)
+    pull = of_one_motion(load=1e-15, before=1.0)
     pull.watch(np.array([pulls]), np.zeros(0), 2, 0.0)
     assert pull.rests == rests
     pull = of_one_motion(load=1e-3, before=1.0)

@@ -22,6 +22,7 @@ from scipy.spatial import cKDTree
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.finite.frame.crossing import CROSSED, depth_through
 from dolfinx_llm.finite.frame.jacobians import NodalNormals, nodal_normals
 from dolfinx_llm.finite.frame.location import BEHIND_IT
 from dolfinx_llm.finite.frame.sides import WITHIN, Sides
@@ -36,8 +37,6 @@ BESIDE = 2  # facets along the surface between those that can touch, at least
 MUCH_FINER = 0.05  # difference of mean sizes over their sum, below which facets are alike
 BEFORE = np.array([1.0, 0.7549, 0.5698])  # a direction by which normals come first
 TOLD = 1e-6  # of the largest facet: difference of vector areas along it that tells parts apart
-STILL_ON = 1e-9  # of a facet beyond its outline: still on it
-CROSSED = 0.1  # of a facet: deeper lies what has gone through
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +120,7 @@ class SelfSides(Sides):
         i, j = cKDTree(centre).query_pairs(float(size.max()), output_type="ndarray").T
         apart = (facets[i][:, :, None] != facets[j][:, None]).all(axis=(1, 2))
         i, j = i[apart], j[apart]
-        both = [_through(x[facets[[a, b]]], normal[[a, b]]) for a, b in ((i, j), (j, i))]
-        depth = np.maximum(*both)
+        depth = depth_through((x[facets[i]], x[facets[j]]), (normal[i], normal[j]))
         through = depth > allowed * np.minimum(size[i], size[j])
         if through.any():
             worst = int(np.where(through, depth, 0.0).argmax())
@@ -197,28 +195,6 @@ def _round_a_bend(centre: Array, beside: csr_matrix, i: Array, j: Array) -> Arra
     first, at = np.unique(i, return_inverse=True)
     way = dijkstra(graph, False, first, limit=WAY_ROUND * straight.max(initial=0.0))
     return np.asarray(way[at, j] < WAY_ROUND * straight)
-
-
-def _through(x: Array, normal: Array) -> Array:
-    """(n,) how deep edges of facets p go through facets q, as x (2, n, k, gdim) with unit normals
-    (2, n, gdim): the least distance of such an edge's ends from q, or by which q lies behind or in
-    front of p where that is less; 0 where none does [length]."""
-    p, q = x
-    side = np.roll(q, -1, axis=1) - q
-    inward = side if q.shape[2] == 2 else np.cross(normal[1][:, None], side)
-    height, across = (
-        np.einsum("nki,ni->nk", a - b.mean(axis=1)[:, None], n)
-        for a, b, n in zip(x, x[::-1], normal[::-1], strict=True)
-    )
-    ends = height, np.roll(height, -1, axis=1)
-    cut = ends[0] * ends[1] < 0.0
-    part = ends[0] / np.where(cut, ends[0] - ends[1], 1.0)
-    place = p + part[:, :, None] * (np.roll(p, -1, axis=1) - p)
-    within = np.einsum("nkli,nli->nkl", place[:, :, None] - q[:, None], inward).min(axis=2)
-    size = np.einsum("nli,nli->nl", inward, inward).max(axis=1)[:, None]
-    depth = np.where(cut & (within >= -STILL_ON * size), np.minimum(*np.abs(ends)), 0.0)
-    both = np.maximum(np.minimum(across.max(axis=1), -across.min(axis=1)), 0.0)
-    return np.minimum(depth.max(axis=1, initial=0.0), both)
 
 
 def _beside(facets: Array) -> csr_matrix:
