@@ -153,12 +153,15 @@ def crossed(contact: MovingContact, t: ContactTerms) -> list[str]:
     sides, place = contact.sides, _on_frame(contact, t)
     if place is None or sides.gdim == 2 or contact.overlaps:
         return []
-    both = sides.split(place.z), (sides.mover.facets, sides.carrier.facets)
-    facets, _, depth = crossing(*both)
+    frame, moving = sides.carrier, sides.mover
+    near = place.pairs & (np.abs(place.gap) < A_FACET * moving.facet_size)
+    meets = np.isin(frame.facets, frame.cells[place.at.facet[near]]).any(axis=1)
+    facets = moving.facets[near[moving.facets].any(axis=1)], frame.facets[meets]
+    x = sides.split(place.z)
+    found, _, depth = crossing(x, facets)
     if not len(depth):
         return []
-    frame, moving, worst = sides.carrier, sides.mover, facets[depth.argmax()]
-    where = both[0][0][moving.facets[worst]].mean(axis=0) + frame.origin
+    where = x[0][facets[0][found[depth.argmax()]]].mean(axis=0) + frame.origin
     return [
         f"{moving.name} on {frame.name}: facets cross each other, {len(depth)} pair(s) of them, by "
         f"up to {depth.max():.3g} at {checks.place(where)}, where facets have the size "

@@ -80,7 +80,6 @@ class NewtonSteps:
         self._slid = [Slid(placed.what) for placed in self.equations.interfaces]
         done, part, smallest = 0.0, 1.0 / increments, 2.0**-HALVINGS / increments
         self._freed = freed(self.equations, step)
-        self._rubs = rubbing(self.equations)
         stop = 1.0 if self._freed is None else NEARLY_ALL
         unheld = False  # nothing held a body in the last increment tried
         fallen: NothingHolds | None = None  # or in one before, from this state: what is told
@@ -124,11 +123,11 @@ class NewtonSteps:
         found: Arrived | None = None
         try:
             found = self._increment(step, end, bar)
-            failed = slid_away(self.equations, found, self._rubs)
+            failed = slid_away(self.equations, found)
         except StepFailed as error:
-            failed = error if self._rubs else None
-            if failed is None:
+            if not rubbing(self.equations):
                 raise
+            failed = error
         if failed is not None:
             log.info("increment to %.4g: %s; damped", end, failed)
             try:

@@ -7,12 +7,12 @@ the last iterate, in proportion to what is left of the forces (Levenberg 1944), 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import told
 from dolfinx_llm.finite.failures import StepFailed
 from dolfinx_llm.finite.falling import held_by_contact_alone, on_bodies
 from dolfinx_llm.finite.increment import Increment
@@ -51,20 +51,22 @@ def rubbing(steps: Equations) -> list[int]:
     return [i for i, rub in enumerate(rubs) if rub and on[i, loose].any()]
 
 
-def slid_away(steps: Equations, found: Arrived, rubs: Sequence[int]) -> StepFailed | None:
-    """What tells that all pairs in contact of one of these interfaces have slipped by facets, and
-    farther than supports and obstacles go, as where a body has gone past where friction holds it;
-    None: there is none."""
-    run = found.run
-    for i in rubs:
-        contact, t, closed = steps.interfaces[i].what, run.terms[i], run.status[i] != OPEN
-        if not closed.any() or (run.status[i][closed] != SLIP).any():
+def slid_away(steps: Equations, found: Arrived) -> StepFailed | None:
+    """What tells that all pairs in contact of one of ``rubbing``'s interfaces have slipped by
+    facets, and farther than supports and obstacles go, as where a body has gone past where friction
+    holds it; None: there is none. Collective."""
+    run, gone = found.run, dict[int, str]()
+    for i, (placed, t, held) in enumerate(zip(steps.interfaces, run.terms, run.held, strict=True)):
+        closed = t.status != OPEN
+        if steps.bodies.in_time or not closed.any() or (t.status[closed] != SLIP).any():
             continue
-        slip = np.linalg.norm(contact.slip(t.place, run.held[i], closed, None), axis=1)
-        least, size = float(slip[closed].min()), contact.sides.mover.facet_size
-        if least > FAR_SLIP * size + SLID_ALONG * found.driven:
-            return StepFailed(
-                f"all of {contact.sides.mover.name} in contact has slipped, by {least:.3g} at "
-                f"least, where facets are {size:.3g} large"
+        slip = np.linalg.norm(placed.what.slip(t.place, held, closed, None), axis=1)
+        least, mover = float(slip[closed].min()), placed.what.sides.mover
+        if least > FAR_SLIP * mover.facet_size + SLID_ALONG * found.driven:
+            gone[i] = (
+                f"all of {mover.name} in contact has slipped, by {least:.3g} at least, where "
+                f"facets are {mover.facet_size:.3g} large"
             )
-    return None
+    gone = told(steps.bodies.dofs.comm, gone)
+    rubs = rubbing(steps) if gone else []
+    return next((StepFailed(words) for i, words in gone.items() if i in rubs), None)

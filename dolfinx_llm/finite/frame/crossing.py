@@ -20,6 +20,8 @@ def crossing(x: tuple[Array, Array], facets: tuple[Array, Array]) -> tuple[Array
         x: (m, gdim) nodes of each [length].
         facets: (f, k) of each.
     """
+    if not (len(facets[0]) and len(facets[1])):
+        return np.zeros(0, int), np.zeros(0, int), np.zeros(0)
     sizes = [cell_sizes(a, cells) for a, cells in zip(x, facets, strict=True)]
     normals = [unit_normals(a, cells) for a, cells in zip(x, facets, strict=True)]
     trees = [cKDTree(a[cells].mean(axis=1)) for a, cells in zip(x, facets, strict=True)]
