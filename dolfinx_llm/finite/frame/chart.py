@@ -32,8 +32,8 @@ LIFTED = 1e-3  # part of a coordinate across a frame that is none, over its leng
 UNDECIDED = 1.1  # ratio of what normals point along two coordinates, below which neither is across
 EDGEWISE = 1e-2  # least over largest singular value of functions that are hardly independent
 ELSEWHERE = 1e-9  # weight of nodes where nothing is covered then, over the largest
-NOT_FAINT = 1e3  # times what is added to a diagonal, for what no row bears
-REFINEMENTS = 2  # what M bears with 100 times as much is exact to 1e-6, with 1000 to 1e-9
+NOT_FAINT = 1e2  # times what is added to a diagonal, for what no row bears
+REFINEMENTS = 2  # what M bears with 1000 times as much is exact to 1e-9
 FUNCTION_YIELDS = 1e-9  # of a facet's area: how much the function across yields
 
 
