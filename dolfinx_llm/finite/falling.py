@@ -70,13 +70,18 @@ def on_bodies(bodies: Bodies, dofs: BodyDofs, interfaces: Sequence[Placed]) -> A
     return on
 
 
-def held_by_contact_alone(bodies: Bodies, dofs: BodyDofs, interfaces: Sequence[Placed]) -> Array:
-    """(bodies,) which neither supports nor ties hold, in some motion as a whole; collective."""
-    on = on_bodies(bodies, dofs, interfaces)
+def held_by_contact_alone(on: Array, interfaces: Sequence[Placed], left: Array) -> Array:
+    """(bodies,) which neither supports nor ties hold, in some motion as a whole.
+
+    Args:
+        on: (interfaces, bodies) as of ``on_bodies``.
+        interfaces: all there are.
+        left: numbers of the bodies that supports leave motions.
+    """
     ties = np.array([not placed.what.parts for placed in interfaces], dtype=bool)
     rigid = np.array([isinstance(placed.what, ObstacleContact) for placed in interfaces], bool)
     stands = on[ties & rigid].any(axis=0)
-    stands[np.setdiff1d(np.arange(bodies.count), left_by_supports(bodies, dofs.fixed)[0])] = True
+    stands[np.setdiff1d(np.arange(on.shape[1]), left)] = True
     return without_hold(on[ties], stands)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -120,24 +121,22 @@ class NewtonSteps:
     def _next(self, step: LoadStep, end: float, bar: Any) -> NewtonState:
         """The state at the end of an increment; where it may be one of several of bodies that
         friction alone holds, the nearer one that damped iterations come to."""
-        found: Arrived | None = None
         try:
             found = self._increment(step, end, bar)
-            failed = slid_away(self.equations, found)
-        except StepFailed as error:
+        except StepFailed as failed:
             if not rubbing(self.equations):
                 raise
-            failed = error
-        if failed is not None:
-            log.info("increment to %.4g: %s; damped", end, failed)
+            log.info("increment to %.4g failed: %s; damped", end, failed)
             try:
-                again = self._increment(step, end, bar, damped=True)
+                found = self._increment(step, end, bar, damped=True)
             except StepFailed:
-                if found is None:
-                    raise failed from None
-            else:
-                found = again if found is None or again.far < found.far else found
-        assert found is not None
+                raise failed from None
+        else:
+            if doubt := slid_away(self.equations, found):
+                log.info("increment to %.4g: %s; damped", end, doubt)
+                with suppress(StepFailed):
+                    again = self._increment(step, end, bar, damped=True)
+                    found = min(found, again, key=lambda arrived: arrived.far)
         return self._arrive(found)
 
     def _increment(self, step: LoadStep, end: float, bar: Any, damped: bool = False) -> Arrived:

@@ -13,13 +13,13 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import told
-from dolfinx_llm.finite.failures import StepFailed
 from dolfinx_llm.finite.falling import held_by_contact_alone, on_bodies
 from dolfinx_llm.finite.increment import Increment
 from dolfinx_llm.finite.load_step import Equations
 from dolfinx_llm.finite.pairs.terms import Place
 from dolfinx_llm.laws.rows import OPEN, SLIP
 from dolfinx_llm.operators.bodies import Bodies
+from dolfinx_llm.operators.motions import left_by_supports
 
 FAR_SLIP = 1.0  # facets that every pair on a body slips in an increment, the least of them
 SLID_ALONG = 2.0  # times how far supports go, that bodies slip which they drive
@@ -45,20 +45,24 @@ def rubbing(steps: Equations) -> list[int]:
     rubs = [getattr(placed.what, "mu", None) is not None for placed in steps.interfaces]
     if steps.bodies.in_time or not any(rubs):
         return []
-    bodies = Bodies(steps.bodies.dofs.spaces, steps.bodies.dofs.of_nodes)
-    loose = held_by_contact_alone(bodies, steps.bodies.dofs, steps.interfaces)
-    on = on_bodies(bodies, steps.bodies.dofs, steps.interfaces)
+    dofs = steps.bodies.dofs
+    bodies = Bodies(dofs.spaces, dofs.of_nodes)
+    on = on_bodies(bodies, dofs, steps.interfaces)
+    left = left_by_supports(bodies, dofs.fixed)[0]
+    loose = held_by_contact_alone(on, steps.interfaces, left)
     return [i for i, rub in enumerate(rubs) if rub and on[i, loose].any()]
 
 
-def slid_away(steps: Equations, found: Arrived) -> StepFailed | None:
-    """What tells that all pairs in contact of one of ``rubbing``'s interfaces have slipped by
-    facets, and farther than supports and obstacles go, as where a body has gone past where friction
-    holds it; None: there is none. Collective."""
+def slid_away(steps: Equations, found: Arrived) -> str:
+    """Words where all pairs in contact of one of ``rubbing``'s interfaces have slipped by facets,
+    and farther than supports and obstacles go, as where a body has gone past where friction holds
+    it; else none. Collective."""
+    if steps.bodies.in_time:
+        return ""
     run, gone = found.run, dict[int, str]()
     for i, (placed, t, held) in enumerate(zip(steps.interfaces, run.terms, run.held, strict=True)):
         closed = t.status != OPEN
-        if steps.bodies.in_time or not closed.any() or (t.status[closed] != SLIP).any():
+        if not closed.any() or (t.status[closed] != SLIP).any():
             continue
         slip = np.linalg.norm(placed.what.slip(t.place, held, closed, None), axis=1)
         least, mover = float(slip[closed].min()), placed.what.sides.mover
@@ -69,4 +73,4 @@ def slid_away(steps: Equations, found: Arrived) -> StepFailed | None:
             )
     gone = told(steps.bodies.dofs.comm, gone)
     rubs = rubbing(steps) if gone else []
-    return next((StepFailed(words) for i, words in gone.items() if i in rubs), None)
+    return next((words for i, words in gone.items() if i in rubs), "")

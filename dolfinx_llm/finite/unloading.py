@@ -15,7 +15,7 @@ import numpy as np
 from mpi4py import MPI
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.finite.falling import HARDLY_HELD, held_by_contact_alone
+from dolfinx_llm.finite.falling import HARDLY_HELD, held_by_contact_alone, on_bodies
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.motions import left_by_supports
@@ -39,7 +39,8 @@ def freed(steps: Equations, step: LoadStep) -> Array | None:
         return None
     bodies = Bodies(dofs.spaces, dofs.of_nodes)
     of, parts = left_by_supports(bodies, dofs.fixed)
-    loose = held_by_contact_alone(bodies, dofs, steps.interfaces)
+    on = on_bodies(bodies, dofs, steps.interfaces)
+    loose = held_by_contact_alone(on, steps.interfaces, of)
     if not loose.any():
         return None
     bears, loads = start.pushed[bodies.dofs], (start.pushed + step.unbalanced)[bodies.dofs]

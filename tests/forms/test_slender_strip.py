@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
+from facing_scenes import tagged
 from mpi4py import MPI
 
 import dolfinx_llm as llm
@@ -21,14 +22,11 @@ def test_forms_that_lose_digits_hand_over(lifted, caplog):
         MPI.COMM_SELF, [[0.0, 0.0], [LENGTH, 1.0]], [n, 1], mesh.CellType.quadrilateral
     )
     V = compat.function_space(domain, degree=2, shape=(2,))
-    ends = [(1, 1, 0.0), (2, 0, LENGTH), (3, 0, 0.0)]
-    found = [
+    sides = [
         mesh.locate_entities_boundary(domain, 1, lambda p, k=k, x=x: np.isclose(p[k], x))
-        for _, k, x in ends
+        for k, x in ((1, 0.0), (0, LENGTH), (0, 0.0))
     ]
-    values = np.repeat(np.array([1, 2, 3], dtype=np.int32), [len(f) for f in found])
-    order = np.argsort(np.concatenate(found))
-    tags = mesh.meshtags(domain, 1, np.concatenate(found)[order], values[order])
+    tags = tagged(domain, sides)
     ds, dx = ufl.Measure("ds", domain=domain, subdomain_data=tags), ufl.dx(degree=4)
     u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
     a = E * ufl.inner(ufl.sym(ufl.grad(u)), ufl.grad(w)) * dx + 1e-3 * u[0] * w[0] * ds(3)

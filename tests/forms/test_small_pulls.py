@@ -8,6 +8,7 @@ import pytest
 import scenes
 import ufl
 from dolfinx import fem, mesh
+from facing_scenes import tagged
 from mpi4py import MPI
 
 import dolfinx_llm as llm
@@ -56,12 +57,11 @@ def test_a_plug_released(caplog):
     domain = mesh.create_rectangle(
         MPI.COMM_SELF, [[0.0, 0.0], [1.0, 1.0]], [16, 16], mesh.CellType.quadrilateral
     )
-    facets, values = [], []
-    for tag, (k, at) in enumerate([(0, 0.0), (0, 1.0), (1, 1.0)], start=1):
-        found = mesh.locate_entities_boundary(domain, 1, lambda p, k=k, at=at: np.isclose(p[k], at))
-        facets, values = [*facets, found], [*values, np.full(len(found), tag, np.int32)]
-    order = np.argsort(np.concatenate(facets))
-    tags = mesh.meshtags(domain, 1, *(np.concatenate(a)[order] for a in (facets, values)))
+    sides = [
+        mesh.locate_entities_boundary(domain, 1, lambda p, k=k, at=at: np.isclose(p[k], at))
+        for k, at in ((0, 0.0), (0, 1.0), (1, 1.0))
+    ]
+    tags = tagged(domain, sides)
     x = domain.geometry.x
     x[:, 0] = (x[:, 0] - 0.5) * (1.0 + 2.0 * np.tan(angle) * x[:, 1])
     V = compat.function_space(domain, shape=(2,))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
+from facing_scenes import tagged
 from mpi4py import MPI
 from sampling import longer
 
@@ -24,12 +25,11 @@ def test_stays_where_it_is(mu, cells, force):
     domain = mesh.create_rectangle(
         MPI.COMM_SELF, [[0.0, 0.0], [1.0, THICK]], [cells, 1], mesh.CellType.quadrilateral
     )
-    facets, values = [], []
-    for tag, (k, at) in enumerate([(1, 0.0), (0, 0.0), (0, 1.0)], start=1):
-        found = mesh.locate_entities_boundary(domain, 1, lambda p, k=k, at=at: np.isclose(p[k], at))
-        facets, values = [*facets, found], [*values, np.full(len(found), tag, np.int32)]
-    order = np.argsort(np.concatenate(facets))
-    tags = mesh.meshtags(domain, 1, *(np.concatenate(a)[order] for a in (facets, values)))
+    sides = [
+        mesh.locate_entities_boundary(domain, 1, lambda p, k=k, at=at: np.isclose(p[k], at))
+        for k, at in ((1, 0.0), (0, 0.0), (0, 1.0))
+    ]
+    tags = tagged(domain, sides)
     x = domain.geometry.x
     turned = FROM + OVER * x[:, 0]
     x[:, :2] = (1.0 + x[:, 1:2]) * np.stack([np.cos(turned), np.sin(turned)], axis=1)

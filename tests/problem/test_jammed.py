@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
+from facing_scenes import tagged
 from mpi4py import MPI
 from sampling import longer
 
@@ -25,10 +26,7 @@ def test_whatever_the_pose(angle, force):
     lower = mesh.locate_entities_boundary(domain, 1, lambda p: np.isclose(p[1], 0.0))
     upper = mesh.locate_entities_boundary(domain, 1, lambda p: np.isclose(p[1], 1.0))
     end = mesh.locate_entities_boundary(domain, 1, lambda p: np.isclose(p[0], LONG))
-    found = np.concatenate([lower, upper, end])
-    values = np.repeat(np.array([1, 2, 3], np.int32), [len(lower), len(upper), len(end)])
-    order = np.argsort(found)
-    tags = mesh.meshtags(domain, 1, found[order], values[order])
+    tags = tagged(domain, [lower, upper, end])
     c, s = np.cos(angle), np.sin(angle)
     R = np.array([[c, -s], [s, c]])
     x[:, :2] = x[:, :2] @ R.T

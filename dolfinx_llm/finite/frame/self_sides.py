@@ -115,19 +115,20 @@ class SelfSides(Sides):
         Raises:
             ContactError: the surface has gone through itself.
         """
-        facets, size = self.mover.facets, cell_sizes(x, self.mover.facets)
-        centre, normal = x[facets].mean(axis=1), unit_normals(x, facets)
-        i, j = cKDTree(centre).query_pairs(float(size.max()), output_type="ndarray").T
+        facets = self.mover.facets
+        centre, reach = x[facets].mean(axis=1), float(cell_sizes(x, facets).max())
+        i, j = cKDTree(centre).query_pairs(reach, output_type="ndarray").T
         apart = (facets[i][:, :, None] != facets[j][:, None]).all(axis=(1, 2))
         i, j = i[apart], j[apart]
-        depth = depth_through((x[facets[i]], x[facets[j]]), (normal[i], normal[j]))
-        through = depth > allowed * np.minimum(size[i], size[j])
+        depth, size = depth_through((x, x), (facets, facets), (i, j))
+        through = depth > allowed * size
         if through.any():
             worst = int(np.where(through, depth, 0.0).argmax())
+            there = cell_sizes(x, facets[i[[worst]]])[0]
             raise ContactError(
                 f"{self.surfaces[0].name} goes through itself: {through.sum()} pair(s) of facets "
                 f"cross, the deepest at {self.drawn_at(centre[i[worst]])} by "
-                f"{depth[worst]:.3g}, where facets have the size {size[i[worst]]:.3g}"
+                f"{depth[worst]:.3g}, where facets have the size {there:.3g}"
             )
 
     def _comes_first(self, one: Array, other: Array, count: int) -> Array:
