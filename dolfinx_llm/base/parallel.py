@@ -126,10 +126,18 @@ def agree(comm: MPI.Comm, what: str, value: Any) -> None:
     values = comm.allgather(value)
     other = next((i for i, found in enumerate(values) if not _alike(values[0], found)), None)
     if other is not None:
+        first, second = _apart(values[0], values[other])
         raise ContactInputError(
-            f"{what} must be the same on all ranks: rank 0 has {texts[0][:80]}, rank {other} has "
-            f"{texts[other][:80]}"
+            f"{what} must be the same on all ranks: rank 0 has {first!r:.80}, rank {other} has "
+            f"{second!r:.80}"
         )
+
+
+def _apart(a: Any, b: Any) -> tuple[Any, Any]:
+    """The first items of two lists as long that differ, or what is no such lists."""
+    if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        return next(pair for pair in zip(a, b) if not _alike(*pair))
+    return a, b
 
 
 def _alike(a: Any, b: Any) -> bool:

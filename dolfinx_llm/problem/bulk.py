@@ -20,7 +20,7 @@ from dolfinx_llm.operators.control import Control
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.operators.petsc import block_diagonal
 from dolfinx_llm.problem.arguments import Arguments, by_mesh, nodal_by_mesh
-from dolfinx_llm.problem.form_arguments import check_positions
+from dolfinx_llm.problem.form_arguments import agree_on_constants, check_positions
 
 
 class Fingerprint:
@@ -72,6 +72,7 @@ class LinearBulk:
             self._a = compat.forms("a", given.a, given.entity_maps)
             self._L = compat.forms("L", given.L, given.entity_maps)
         self._given, self._loads = given.bcs, given.nodal_loads
+        self._all_forms = [*given.a, *given.L]
         self._K: Any = None  # see K
         self.forms, self.entity_maps = given.a, given.entity_maps
         self.look()
@@ -84,7 +85,12 @@ class LinearBulk:
 
     def look(self) -> None:
         """Nodal loads and conditions by mesh, and which dofs these prescribe, as they are now;
-        collective."""
+        collective.
+
+        Raises:
+            ContactInputError: Constants that differ between ranks, other conditions than these.
+        """
+        agree_on_constants(self.comm, self._all_forms)
         self._nodal = nodal_by_mesh(self.comm, self._loads, self.blocks)
         self._bcs = by_mesh(self.comm, self._given, self._W)
         self._prescribed = [compat.prescribed(W, bcs) for W, bcs in zip(self._W, self._bcs)]

@@ -11,6 +11,7 @@ from ufl.measure import integral_type_to_measure_name
 
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.parallel import agree
 
 FORMS = {
     2: ("a", "must be bilinear", "give a bilinear UFL form, or a list of them, one per mesh"),
@@ -75,6 +76,23 @@ def check_parts(name: str, form: ufl.Form) -> None:
                 f"the form {name} has an integral over {measure}({part}), and no tags that tell "
                 f"where that is: give ufl.{measure}(subdomain_data=tags)"
             )
+
+
+def check_unknowns(forms: Sequence[ufl.Form], functions: Sequence[fem.Function]) -> None:
+    """Require that each form is written in the Function that is its unknown."""
+    for form, u in zip(forms, functions, strict=True):
+        if not any(c is u for c in form.coefficients()):
+            names = sorted(c.name for c in form.coefficients() if isinstance(c, fem.Function))
+            raise ContactInputError(
+                f"a form F does not depend on its u, the Function {u.name}; it has {names}: give "
+                "the very Function that F is written in"
+            )
+
+
+def agree_on_constants(comm: MPI.Comm, forms: Sequence[ufl.Form]) -> None:
+    """Require that Constants of the forms have the same values on all ranks; collective."""
+    found = [np.ravel(c.value).tolist() for form in forms for c in form.constants()]
+    agree(comm, "Constants of the forms (sums over all ranks, where assembled)", found)
 
 
 def _space_of(argument: Any) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,7 +35,14 @@ from dolfinx_llm.problem.arguments import (
     pressure_list,
 )
 from dolfinx_llm.problem.blocks import Blocks
-from dolfinx_llm.problem.form_arguments import check_meshes, check_parts, check_positions, listed
+from dolfinx_llm.problem.form_arguments import (
+    agree_on_constants,
+    check_meshes,
+    check_parts,
+    check_positions,
+    check_unknowns,
+    listed,
+)
 
 RESIDUAL = "give a residual form in u and a test function, or a list of them, one per mesh"
 DERIVATIVE = "give the derivative of F, bilinear in the space of u, or a list of them, or None"
@@ -108,7 +114,7 @@ def nonlinear_arguments(
                     "a form F has a test function of another space than u: " + RESIDUAL
                 )
         if J is None:
-            _check_unknowns(forms, functions)
+            check_unknowns(forms, functions)
         derivatives = [ufl.derivative(f, w) for f, w in zip(forms, functions, strict=True)]
         derivatives = derivatives if J is None else list(listed(J))
         if len(derivatives) != len(forms):
@@ -148,17 +154,6 @@ def _belong(form: ufl.Form, V: Any) -> bool:
     return all(hasattr(W, "dofmap") and compat.same_space(W, V) for W in spaces)
 
 
-def _check_unknowns(forms: Sequence[ufl.Form], functions: Sequence[fem.Function]) -> None:
-    """Require that each form is written in the Function that is its unknown."""
-    for form, u in zip(forms, functions, strict=True):
-        if not any(c is u for c in form.coefficients()):
-            names = sorted(c.name for c in form.coefficients() if isinstance(c, fem.Function))
-            raise ContactInputError(
-                f"a form F does not depend on its u, the Function {u.name}; it has {names}: give "
-                "the very Function that F is written in"
-            )
-
-
 class NonlinearBulk:
     """Bodies with residual forms F(u).
 
@@ -186,6 +181,7 @@ class NonlinearBulk:
             self._F = compat.forms("F", given.F, given.entity_maps)
             self._J = compat.forms("J", given.J, given.entity_maps)
         self._given, self._loads = given.bcs, given.nodal_loads
+        self._forms = given.F
         self._nodal = nodal_by_mesh(self.comm, self._loads, self.blocks)
         self._bcs = by_mesh(self.comm, self._given, self._W)
         self.measure()
@@ -209,8 +205,10 @@ class NonlinearBulk:
         other dofs; collective.
 
         Raises:
-            ContactInputError: other conditions or loads than these.
+            ContactInputError: other conditions or loads than these, Constants that differ between
+                ranks.
         """
+        agree_on_constants(self.comm, self._forms)
         self._nodal = nodal_by_mesh(self.comm, self._loads, self.blocks)
         self._bcs = by_mesh(self.comm, self._given, self._W)
         fixed = self._prescribed()

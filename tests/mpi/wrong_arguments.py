@@ -1444,6 +1444,27 @@ differ(
     lambda s: s.law(llm.Tied(), sides=pick(s, (2, 3), (3, 2))),
     lambda s: s.law(llm.Tied(), thickness=pick(s, 2.0, 3.0)),
 )
+
+
+def changed_on_one(s):
+    weight = fem.Constant(s.mesh, 1.0)
+    problem = s.problem(L=weight * s.L)
+    weight.value = pick(s, 1.0, 2.0)  # as by `assemble_scalar`, where its sum is forgotten
+    problem.solve()
+
+
+def pulled_on_one(s):
+    domain, _, u, form = s.bent
+    pull = fem.Constant(domain, (0.1, pick(s, 0.0, 0.1)))
+    s.nonlinear(F=form - ufl.inner(pull, ufl.TestFunction(u.function_space)) * ufl.dx).solve()
+
+
+differ(
+    r"Constants of the forms .* the same on all ranks: rank 0 has \[.*\], rank . has \[",
+    changed_on_one,
+    pulled_on_one,
+    lambda s: s.problem(a=fem.Constant(s.mesh, pick(s, 1.0, 2.0)) * s.a),
+)
 differ("rho must be the same", lambda s: stepper(s, pick(s, 1.0, 2.0)))
 differ("increments must be the same", lambda s: s.pressed.solve(pick(s, 1, 2)))
 
