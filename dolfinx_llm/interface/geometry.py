@@ -73,8 +73,13 @@ class InterfaceGeometry:
             return self.frame.x
         pairs = self.pairs[0]
         if self.interface.obstacle is not None and self.interface.obstacle.everywhere:
-            return pairs.x[np.asarray(pairs.N.argmax(axis=0)).ravel()]
+            return pairs.x[self.about_mean]
         return pairs.x.mean(axis=0)[None][: len(self.directions)]
+
+    @property
+    def about_mean(self) -> Array:
+        """(m,) pairs whose motions about a mean the unknowns of ``directions`` are."""
+        return np.asarray(self.pairs[0].N.argmax(axis=0)).ravel()
 
     def rotation(self, w: Array) -> Array | None:
         """(1,), (3,) of an obstacle [rad]; None of a frame.

@@ -14,7 +14,8 @@ class Transfer:
     """How what an interface remembers goes from one geometry to the next."""
 
     nodes: csr_matrix  # (k_new, k_old) values at the nodes of the law
-    frame: csr_matrix | None  # (m_new, m_old) the same at the frame's; None against an obstacle
+    frame: csr_matrix | None  # (m_new, m_old) the same of motions of the frame, or about a mean;
+    # None against an obstacle
     ahead: csr_matrix | None  # (m_new, k_old) by how many jumps there a frame that another side
     # carries is ahead of the old one; None: the same side carries it
     pairs: tuple[Array, ...]  # per side (n_new,) place among the old pairs
@@ -57,6 +58,8 @@ def remeshed(old: InterfaceGeometry, new: InterfaceGeometry) -> tuple[Transfer, 
         frame = old.frame.interpolation(old.frame.locate(new.frame.x))
         way = (_ahead(new) - _ahead(old)) / old.theta
         ahead = way * old.at_law_nodes(new.frame.x) if way else None
+    elif old.interface.obstacle is not None and old.interface.obstacle.everywhere:
+        frame = (of[0] @ old.pairs[0].N)[new.about_mean]
     places = tuple(np.asarray(N.argmax(axis=1)).ravel() for N in of)
     sizes = tuple(len(p.nodes) for p in old.pairs)
     directions, scale = (old.jump_directions, new.jump_directions), new.theta / old.theta

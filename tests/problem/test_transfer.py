@@ -9,7 +9,7 @@ import rolling_disc
 import ufl
 from conftest import run_mpi_json
 from dolfinx import fem, mesh
-from friction_block import BOTTOM, body, stress
+from friction_block import BOTTOM, TOP, body, stress
 from hertz2d import hold
 from mpi4py import MPI
 from sampling import longer
@@ -134,6 +134,41 @@ def test_what_sticks_on_an_obstacle_stays(kind, degree):
     expected, _ = anew(0.02, 0.001)
     np.testing.assert_allclose(there(0.02, 0.001)[0], expected, rtol=0.03)
     assert whole is not new
+
+
+def by_means(cells):
+    """A block on a plane with friction, pressed and pushed by the mean displacement of its top."""
+    domain, tags = body(COMM, (0.0, 0.0), (2.0, 1.0), cells)
+    V = compat.function_space(domain, shape=(2,))
+    u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
+    mean = llm.MeanDisplacement((0.0, -0.02))
+    a = ufl.inner(stress(u, 10.0, 0.3), ufl.grad(w)) * ufl.dx
+    L = ufl.inner(fem.Constant(domain, (0.0, 0.0)), w) * ufl.dx
+    plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
+    interfaces = [
+        llm.Interface(tags, (BOTTOM, plane), law=llm.Coulomb(0.5)),
+        llm.Interface(tags, (TOP, mean), law=llm.Tied()),
+    ]
+    problem = llm.ContactProblem(a, L, interfaces=interfaces)
+    return problem, mean
+
+
+def test_a_mean_displacement_goes_on():
+    """What moves about it are all of a surface's nodes but one: a ValueError."""
+    found = []
+    for first, then in (((12, 6), (12, 6)), ((8, 4), (12, 6))):
+        (old, mean), (new, other) = by_means(first), by_means(then)
+        for mean.mean in ((0.0, -0.02), (0.002, -0.02)):
+            old.solve()
+        other.mean = mean.mean
+        llm.transfer(old, new)
+        carried = new.results[1].resultant
+        np.testing.assert_allclose(carried, old.results[1].resultant, rtol=0.02)
+        other.mean = (0.001, -0.02)
+        new.solve()
+        found.append(new.results[1].resultant)
+        old.destroy(), new.destroy()
+    np.testing.assert_allclose(found[1], found[0], rtol=0.02)
 
 
 def pressed(cells, degree):
