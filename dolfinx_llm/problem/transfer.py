@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from dolfinx import fem, geometry
+from mpi4py import MPI
 
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.geometry.spaces import order_of
 from dolfinx_llm.interface.against import loaded
 from dolfinx_llm.operators.bodies import body_labels
@@ -89,7 +91,7 @@ def _check(old: Any, new: Any) -> None:
 class Elsewhere:
     """Where the nodes of a new space lie in an old mesh; body by body, for bodies touch.
 
-    Each rank tells its nodes to the others in turn; the one whose cell is nearest answers.
+    Each rank tells its nodes to the others in turn; the first whose cell is nearest answers.
 
     Args:
         old: vector space of the bodies.
@@ -154,21 +156,31 @@ class Elsewhere:
         return found
 
     def _ask(self, x: Array, body: Array, functions: Sequence[fem.Function]) -> list[Array]:
-        """Distance of this rank's points from the old bodies, and values of Functions there."""
+        """Distance of this rank's points from the old bodies, and values of Functions there, 0
+        where they lie outside; collective."""
         answers: Any = None
         for rank in range(self._comm.size):
             points, of = self._comm.bcast((x, body), root=rank)
-            found = self._answer(points, of, functions)
-            gathered = self._comm.gather(found, root=rank)
-            answers = gathered if rank == self._comm.rank else answers
-        best = np.argmin([answer[0] for answer in answers], axis=0)
-        every = np.arange(len(x))
-        return [np.stack(parts)[best, every] for parts in zip(*answers, strict=True)]
+            far, cells = self._nearest(points, of)
+            least = self._least(far)
+            first = self._least(np.where(far == least, float(self._comm.rank), np.inf))
+            mine = (first == self._comm.rank) & (least <= OUTLYING * self._size)
+            with collective(self._comm):
+                found = [_values(function, points, cells, mine) for function in functions]
+            answer = [least, *(self._comm.reduce(values, root=rank) for values in found)]
+            answers = answer if rank == self._comm.rank else answers
+        return cast("list[Array]", answers)
 
-    def _answer(self, x: Array, body: Array, functions: Sequence[fem.Function]) -> list[Array]:
-        """The same of points (n, 3) of any rank, in this rank's cells."""
-        far = np.full(len(x), np.inf)
-        found = [np.zeros((len(x), f.function_space.dofmap.index_map_bs)) for f in functions]
+    def _least(self, values: Array) -> Array:
+        """The least of all ranks, of each of their values."""
+        least = np.array(values)
+        self._comm.Allreduce(MPI.IN_PLACE, least, op=MPI.MIN)
+        return least
+
+    def _nearest(self, x: Array, body: Array) -> tuple[Array, Array]:
+        """Distance of points (n, 3) of any rank from this rank's cells of their bodies, infinite
+        where it has none, and the nearest of these."""
+        far, nearest = np.full(len(x), np.inf), np.zeros(len(x), dtype=np.int32)
         for name, (_, tree, middle) in self._trees.items():
             at = np.flatnonzero(body == name)
             if not len(at):
@@ -176,9 +188,16 @@ class Elsewhere:
             cells = geometry.compute_closest_entity(tree, middle, self._mesh, x[at])
             dim = self._mesh.topology.dim
             far[at] = np.sqrt(geometry.squared_distance(self._mesh, dim, cells, x[at]))
-            for values, function in zip(found, functions, strict=True):
-                values[at] = function.eval(x[at], cells).reshape(len(at), -1)
-        return [far, *found]
+            nearest[at] = cells
+        return far, nearest
+
+
+def _values(function: fem.Function, x: Array, cells: Array, at: Array) -> Array:
+    """(n, size) values at those of the points (n, 3) that this rank answers for, else 0."""
+    found = np.zeros((len(x), function.function_space.dofmap.index_map_bs))
+    if at.any():  # only where a cell is near: far from it dolfinx finds no point of reference
+        found[at] = function.eval(x[at], cells[at]).reshape(int(at.sum()), -1)
+    return found
 
 
 def found_elsewhere(
