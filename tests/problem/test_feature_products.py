@@ -6,13 +6,13 @@ from conftest import run_mpi_json
 from random_features import ABOVE, BETWEEN, draw
 from sampling import longer
 
-SOME, MANY = range(2, 6), range(6, 26)
+SOME, MANY, MORE = range(2, 6), range(6, 26), range(26, 46)
 WITHOUT = {"tied", "close", "frictionless"}  # friction
 
 
 def test_scenes_are_of_all_kinds():
     """What is drawn has every law, end and action."""
-    scenes = [draw(seed) for seed in (*SOME, *MANY)]
+    scenes = [draw(seed) for seed in (*SOME, *MANY, *MORE)]
     assert {scene.above for scene in scenes} == set(ABOVE)
     assert {scene.between for scene in scenes} == set(BETWEEN)
     assert len({kind for scene in scenes for kind, _ in scene.laws}) >= 10
@@ -28,7 +28,7 @@ def meets_on_the_way(scene):
 @pytest.mark.parametrize(
     ("seeds", "solver", "n"),
     [(SOME, "auto", 2), longer(SOME, "auto", 3), longer(MANY, "auto", 2)]
-    + [longer(MANY, "condensed", 1)],
+    + [longer(MORE, "auto", 2), longer(MORE, "condensed", 1)],
 )
 def test_features_together(seeds, solver, n):
     """Forces of sides, loads and springs on every body; numbers of all interfaces."""
