@@ -140,7 +140,7 @@ class Followers:
     def of(
         nodes: FrictionNodes,
         tied: Array,
-        active: Array,
+        near: Array,
         pulled: Array,
         adrift: Array,
         still: Array,
@@ -152,7 +152,7 @@ class Followers:
         Args:
             nodes: of the interface.
             tied: (n,) pairs that follow the frame tangentially.
-            active: (n,) pairs in contact.
+            near: (n,) pairs in contact, and those that open and close by turns.
             pulled: (k,) nodes that corrected rows pull at.
             adrift: (k,) sum of N² of the pairs tied below which a node also moves with its speaker.
             still: (m d,) motions of the frame that supports tell.
@@ -161,7 +161,7 @@ class Followers:
         """
         k, t = nodes.kappa.shape
         follows = nodes.of(tied)
-        near, least = (np.ones_like(active), BY_LITTLE) if chosen else (active | tied, HELD)
+        near, least = (np.ones_like(near), BY_LITTLE) if chosen else (near | tied, HELD)
         shared = _neighbours(nodes.of(near))
         asks = asked(follows, shared, pulled, least)
         parts = speakers(asks)

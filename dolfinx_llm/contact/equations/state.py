@@ -161,7 +161,8 @@ class InterfaceState:
         self.held = self.nodes.reach(self.own.holds) | holds
         self.own.active = active = active | self.held
         chosen, slips = self.own.ties is not None, self.own.status == SLIP
-        told = self.tied, active, self.pulled, self.adrift, self.still, chosen
+        near = active | (self.own.closings >= BY_TURNS)  # or who speaks would change by turns, too
+        told = self.tied, near, self.pulled, self.adrift, self.still, chosen
         now = np.hstack([*told, slips & self.others.turns])
         if not np.array_equal(now, self._touching):
             self._touching, self.touched = now, self.touched + 1
