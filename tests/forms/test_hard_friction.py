@@ -92,17 +92,13 @@ def test_hard_data(data, laws, krylov):
 def test_factorised(data, laws, most):
     """A stiff body's stiffness times displacement lost the digits of a soft one's forces: 295 law
     iterations, and forces off by 1e-2, without a word. Towers of 100 times their width, which a
-    force of 1e-11 bends, were bent by what held the frames' nodes beside contact. Rounding tells
-    their forces to 3.4e-9, by each form's own measure, and by which kernels of BLAS a processor
-    has: forms differ by 3e-9 to 1.2e-8 there."""
+    force of 1e-11 bends, were bent by what held the frames' nodes beside contact."""
     V, tags, a = blocks(4, **data)
     height = data.get("aspect", 1.0)
     known, _, by = dragged(V, tags, a, height, "auto", None)
     assert by.form == "flexibility" and by.history[-1]["slip"] > 0
-    found, taken, other = dragged(V, tags, a, height, "condensed", {"pc_type": "lu"})
-    felt = sum(problem.method.iteration.verdict.felt for problem in (by, other))
-    assert felt <= most  # of both forms
-    assert np.abs(found - known).max() <= max(most, 2.0 * felt) * np.abs(known).max()
+    found, taken, _ = dragged(V, tags, a, height, "condensed", {"pc_type": "lu"})
+    assert np.abs(found - known).max() <= most * np.abs(known).max()
     assert taken <= laws
 
 

@@ -214,6 +214,9 @@ class Search:
         be."""
         equations, felt = self._equations, ENOUGH * now.largest
         released = (rests or self._calm > 1) and release(equations, now.multiplier, now.w)
+        # What is let go may be held by next to nothing. With frames held as weakly, a node beside
+        # one slipped by 400 widths of slender towers, where bodies slip by 50, or stuck.
+        self._calmed &= not released
         released |= tie_more(self._states, now.borne, now.miss)
         released |= self._calm > PATIENT and halt_slips(self._states, now, self._frame)
         if not rests or released:
