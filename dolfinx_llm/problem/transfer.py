@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from dolfinx import fem, geometry
@@ -158,7 +158,7 @@ class Elsewhere:
     def _ask(self, x: Array, body: Array, functions: Sequence[fem.Function]) -> list[Array]:
         """Distance of this rank's points from the old bodies, and values of Functions there, 0
         where they lie outside; collective."""
-        answers: Any = None
+        answers: list[Array] = []
         for rank in range(self._comm.size):
             points, of = self._comm.bcast((x, body), root=rank)
             far, cells = self._nearest(points, of)
@@ -167,9 +167,10 @@ class Elsewhere:
             mine = (first == self._comm.rank) & (least <= OUTLYING * self._size)
             with collective(self._comm):
                 found = [_values(function, points, cells, mine) for function in functions]
-            answer = [least, *(self._comm.reduce(values, root=rank) for values in found)]
-            answers = answer if rank == self._comm.rank else answers
-        return cast("list[Array]", answers)
+            summed = [self._comm.reduce(values, root=rank) for values in found]
+            if rank == self._comm.rank:
+                answers = [least, *summed]
+        return answers
 
     def _least(self, values: Array) -> Array:
         """The least of all ranks, of each of their values."""

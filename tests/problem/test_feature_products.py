@@ -1,5 +1,7 @@
 """Products of documented features: each body balances, and ranks and forms agree."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from conftest import run_mpi_json
@@ -25,6 +27,12 @@ def meets_on_the_way(scene):
     return scene.nonlinear and bool(rubs)
 
 
+@cache
+def told(seeds, n=1, solver="auto"):
+    """Per scene the numbers and imbalances of its load steps."""
+    return run_mpi_json("features.py", n, solver, *map(str, seeds), seconds=900.0)
+
+
 @pytest.mark.parametrize(
     ("seeds", "solver", "n"),
     [(SOME, "auto", 2), longer(SOME, "auto", 3), longer(MANY, "auto", 2)]
@@ -32,8 +40,7 @@ def meets_on_the_way(scene):
 )
 def test_features_together(seeds, solver, n):
     """Forces of sides, loads and springs on every body; numbers of all interfaces."""
-    one = run_mpi_json("features.py", 1, "auto", *map(str, seeds), seconds=900.0)
-    other = run_mpi_json("features.py", n, solver, *map(str, seeds), seconds=900.0)
+    one, other = told(seeds), told(seeds, n, solver)
     assert list(one) == list(other) == list(map(str, seeds))
     for seed, (numbers, imbalances) in one.items():
         scene = draw(int(seed))

@@ -7,6 +7,7 @@ balance of each body that no condition holds, from forces of sides, loads and sp
 
 import dataclasses
 
+import around_axis
 import finite_patch
 import gmsh
 import numpy as np
@@ -20,6 +21,7 @@ NU, SPRING, STRAIN = 0.3, 1e-2, 1e-2  # springs over the least modulus; pressed 
 PATH = ((1.0, 0.0), (1.0, 1.0), (0.4, 1.0), (0.7, -0.5))  # of load steps: down, and along
 LAWS = ("tied", "close", "frictionless", "mu", "of x", "of cells", "Constant", "cohesion")
 LINEAR = ("gap", "sliding", "dynamic")  # at small deformation alone
+FIRST_ORDER = ("gap", "sliding")  # of these with bodies of first order alone
 BELOW = ("clamped", "plane", "end", "mean")
 ABOVE = ("moved", "end", "mean", "pressed", "plane")
 BETWEEN = ("nothing", "saved", "transfer", "modulus", "held", "reset", "mu")
@@ -63,8 +65,8 @@ def draw(seed):
     nonlinear = bool(rng.random() < 0.45)
     between = str(rng.choice(BETWEEN))
     second = gdim == 2 and rng.random() < 0.33 and (nonlinear or between != "transfer")
-    kinds = LAWS + (() if nonlinear else LINEAR[second:] if second else LINEAR)
-    kinds = [kind for kind in kinds if not (second and kind == "sliding")]
+    every = LAWS if nonlinear else LAWS + LINEAR
+    kinds = [kind for kind in every if not (second and kind in FIRST_ORDER)]
     return Scene(
         seed,
         gdim,
@@ -128,8 +130,7 @@ class Posed:
         self.axis = scene.thickness == "axis"
         x = ufl.SpatialCoordinate(self.domain)
         self.t = {"axis": 2 * np.pi * x[0], "number": self.constant(0.7)}.get(scene.thickness, 1.0)
-        around = lambda p: 2 * np.pi * p[:, 0]  # noqa: E731
-        self.thickness = {"axis": around, "number": 0.7}.get(scene.thickness)
+        self.thickness = {"axis": around_axis.around, "number": 0.7}.get(scene.thickness)
         self.E, self.mu_of_cells = (fem.Function(self.of_cells()) for _ in range(2))
         self.factor, self.pressure = self.constant(1.0), self.constant(0.0)
         self.gap, self.mu = self.constant(0.0), self.constant(0.0)
@@ -168,19 +169,15 @@ class Posed:
 
     def strain(self, u):
         """In space, in the plane, or around the axis."""
-        g, r = ufl.grad(u), ufl.SpatialCoordinate(self.domain)[0]
-        if not self.axis:
-            return g
-        return ufl.as_tensor(
-            [[g[0, 0], g[0, 1], 0.0], [g[1, 0], g[1, 1], 0.0], [0.0, 0.0, u[0] / r]]
-        )
+        r = ufl.SpatialCoordinate(self.domain)[0]
+        return around_axis.gradient(u, r) if self.axis else ufl.grad(u)
 
     def _pose(self):
         """Forms, conditions and interfaces."""
         scene, v = self.scene, ufl.TestFunction(self.V)
         self.dx = ufl.dx(degree=2 * scene.order + 1, subdomain_data=self.cell_tags)
         E, self.u = self.factor * self.E, fem.Function(self.V)
-        mu, lam = E / (2 * (1 + NU)), E * NU / (1 + NU) / (1 - 2 * NU)
+        mu, lam = around_axis.lame(E, NU)
         u = self.u if scene.nonlinear else ufl.TrialFunction(self.V)
         eps, L = self.strain(u), self.t * ufl.inner(self.pull, v) * self.dx
         held = self.t * self.spring * ufl.inner(u, v) * self.dx
