@@ -3,7 +3,10 @@
 Each iteration finds the pairs in contact exactly, for laws linearised about the last iterate
 (``equations``). The frame is held about the mid-surface between the bodies while contact changes,
 then about its own last value, where the proximal term carries no force. What has come to rest, and
-is not as it should be, is let go (``flickering``, ``ties``), and the search goes on.
+is not as it should be, is let go (``flickering``, ``ties``), and the search goes on. Frame nodes
+that balance on their own from then on may be held by next to nothing: frames are held firmly again
+until contact has come to rest. Without that a node beside one slipped by 400 widths of slender
+towers, where bodies slip by 50, or stuck, as rounding told.
 """
 
 from __future__ import annotations
@@ -212,17 +215,14 @@ class Search:
     def _releases(self, now: Iterate, rests: bool) -> bool:
         """Whether something is let go, or tied, that rests, or nearly so, and is not as it should
         be."""
-        equations, felt = self._equations, ENOUGH * now.largest
-        released = (rests or self._calm > 1) and release(equations, now.multiplier, now.w)
-        # What is let go may be held by next to nothing. With frames held as weakly, a node beside
-        # one slipped by 400 widths of slender towers, where bodies slip by 50, or stuck.
+        released = (rests or self._calm > 1) and release(self._equations, now.multiplier, now.w)
         self._calmed &= not released
         released |= tie_more(self._states, now.borne, now.miss)
         released |= self._calm > PATIENT and halt_slips(self._states, now, self._frame)
         if not rests or released:
             return released
-        gaps = self._scale * (equations.L @ now.w - now.position)
-        if lets_go(self._states, now.borne, gaps, felt):
+        gaps = self._scale * (self._equations.L @ now.w - now.position)
+        if lets_go(self._states, now.borne, gaps, ENOUGH * now.largest):
             return True
         asked = ask(self._states, now.borne, self._without_friction.vital)
         self._last = self._number + MAXIMUM if asked else self._last
