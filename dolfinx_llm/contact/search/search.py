@@ -4,9 +4,9 @@ Each iteration finds the pairs in contact exactly, for laws linearised about the
 (``equations``). The frame is held about the mid-surface between the bodies while contact changes,
 then about its own last value, where the proximal term carries no force. What has come to rest, and
 is not as it should be, is let go (``flickering``, ``ties``), and the search goes on. Frame nodes
-that balance on their own from then on may be held by next to nothing: frames are held firmly again
-until contact has come to rest. Without that a node beside one slipped by 400 widths of slender
-towers, where bodies slip by 50, or stuck, as rounding told.
+that balance on their own from then on may be held by next to nothing: frames are held more firmly
+again until contact stays. Without that a node beside one slipped by 400 widths of slender towers,
+where bodies slip by 50, or stuck, as rounding told.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ from dolfinx_llm.operators.system import ContactOperators
 HOLD_FIRMLY = 1e-8  # what holds frames while contact changes, over the softest side's stiffness
 HOLD_IF_CARRIED = 1e-11  # over the surfaces', where one side carries a frame: with more a pin with
 # much clearance takes up to 150 iterations
+HOLD_AGAIN = 0.1  # of that, where frame nodes have been let go
 SOFTER_THAN_SPRINGS = 0.3  # the most, over springs that hold bodies: it must not push these away
 LED = 10  # iterations in which what springs alone press together sticks
 LAST_PULL = 1e-13  # of the forces, that the proximal term may carry, however loose solves are
@@ -108,6 +109,7 @@ class Search:
         self._number, self._last, self._runs = 0, MAXIMUM, 0  # of iterations
         self._calm, self._before = 0, np.inf  # iterations without change; residual of the last
         self._held_alike, self._calmed = True, False  # as before; has come to rest once
+        self._let_go = False  # frame nodes balance on their own, since contact was at rest last
         for s in self._states:
             s.begin()
         self._without_friction = WithoutFriction(equations, self._known)
@@ -149,9 +151,9 @@ class Search:
     def _hold(self) -> float:
         """What holds frames, over the surfaces' stiffness: firm while contact changes, so that no
         rounding tells what touches them."""
-        if self._calmed or not (self._form.light or self._first or self._number > 1):
-            return self._form.proximal
-        return max(self._firmly, self._form.proximal)
+        weakly = self._calmed or not (self._form.light or self._first or self._number > 1)
+        share = HOLD_AGAIN if self._let_go else float(not weakly)
+        return max(share * self._firmly, self._form.proximal)
 
     def _iterate(self) -> Iterate:
         """Solve a linear step, and take over what is in contact, sticks and slips then."""
@@ -175,12 +177,11 @@ class Search:
         changes = sum(take_over(s, equations, found, self._calmed) for s in self._states)
         for s in self._states if self._first else ():
             s.own.closings[:] = 0  # that pairs come and go by then tells nothing of friction
-        missed = equations.miss(multiplier, w)
-        judged = told(self._comm, (changes, missed / largest, drawn / largest))
+        judged = changes, equations.miss(multiplier, w) / largest, drawn / largest
         self._runs = self._runs + 1 if (lost := runaway(equations, multiplier)) else 0
         if self._runs > RUNS:
             raise FinalError(lost)
-        now = Iterate(found, position, slid, largest, *judged)
+        now = Iterate(found, position, slid, largest, *told(self._comm, judged))
         self._history.append(entry(self._number, self._states, now))
         tell_iteration(self._history[-1], self._bar)
         return now
@@ -216,7 +217,7 @@ class Search:
         """Whether something is let go, or tied, that rests, or nearly so, and is not as it should
         be."""
         released = (rests or self._calm > 1) and release(self._equations, now.multiplier, now.w)
-        self._calmed &= not released
+        self._let_go = released or (self._let_go and not self._calm)
         released |= tie_more(self._states, now.borne, now.miss)
         released |= self._calm > PATIENT and halt_slips(self._states, now, self._frame)
         if not rests or released:
